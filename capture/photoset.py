@@ -29,6 +29,7 @@ from capture.manifest import (
     ObjectTable,
     PhotoTable,
     RadiometryTable,
+    ReferenceTable,
     SourceTable,
     read_manifest,
     resolve,
@@ -37,6 +38,7 @@ from capture.photo import Photo
 from capture.placing import mesh_placement, photo_poses, read_arc, registered_poses, takes_registered
 from capture.polarisation import Extinction, polariser_of, read_extinction
 from capture.radiometry import Radiometry, read_radiometry
+from capture.reference import balance, check_references, see_reference
 
 MANIFEST_NAME = "photoset.toml"
 # What the light is called of which a manifest says nothing.
@@ -57,6 +59,7 @@ class PhotoSet:
     errors : how far off poses, lenses and mesh may be.
     direction_std_deg : of directions that the manifest gives of sources, in any direction across; 0 if they are exact.
     extinction : of the filters that all photographs were taken through; None without.
+    references : the tables of what in photographs is of known reflectance.
     """
 
     name: str
@@ -71,6 +74,7 @@ class PhotoSet:
     errors: CalibrationErrors = NO_ERRORS
     direction_std_deg: float = 0.0
     extinction: Extinction | None = None
+    references: tuple[ReferenceTable, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -164,7 +168,11 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
     light_arc = read_arc(manifest_path, "light_arc", manifest.light_arc)
     target = np.array(manifest.object.centre or (0.0, 0.0, 0.0))
     found_files = ([] if poses is None else [poses.path]) + alignment_files
+    check_references(manifest_path, manifest)
     radiometry = _radiometry(manifest_path, manifest.radiometry, [photo.file for photo in photos])
+    if manifest.radiometry.white_balance == "reference":
+        first = see_reference(manifest_path, 1, manifest.reference[0], photos, radiometry)
+        radiometry = replace(radiometry, white_balance=balance(first))
     errors = replace(
         _errors(manifest_path, manifest, photos, poses, placement),
         color=None if radiometry.color is None else radiometry.color.relative_covariance,
@@ -186,6 +194,7 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
         errors=errors,
         direction_std_deg=manifest.uncertainty.direction_deg or 0.0,
         extinction=extinction,
+        references=manifest.reference,
     )
 
 

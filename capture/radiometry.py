@@ -38,7 +38,8 @@ def read_radiometry(
     """A manifest's [radiometry] with the calibration files that it names.
 
     resolve : a path as the manifest writes it to one that can be opened.
-    photos : the set's; with white_balance = "camera", the first RAW file among them gives the factors for all.
+    photos : the set's; with white_balance = "camera", the first RAW file among them gives the factors for all. With
+    "reference" there are none yet: these are read off a photograph that is decoded so far.
     """
     white_balance = None
     if table.white_balance == "camera":
@@ -49,7 +50,7 @@ def read_radiometry(
                 " [red, green, blue], or 'none'"
             )
         white_balance = camera_white_balance(raw)
-    elif table.white_balance != "none":
+    elif table.white_balance not in ("none", "reference"):
         white_balance = np.array(table.white_balance)
     return Radiometry(
         encoding=_encoding(table, resolve),

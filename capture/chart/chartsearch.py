@@ -63,7 +63,7 @@ def find_chart(radiance: Image, chart: Chart) -> FoundChart:
         others = [layout for layout in GRIDS if layout != chart.layout and _detected(small, layout)]
         if others:
             raise ValueError(
-                f"no {chart.layout} chart is found, but one laid out like {others[0]}: give --chart {others[0]}"
+                f"no {chart.layout} chart is found, but one laid out like {others[0]}: name that one"
             )
         raise ValueError(
             f"no {chart.layout} chart is found: all of it must be in the picture, with its frame, on 5% of the picture"

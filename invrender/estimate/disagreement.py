@@ -18,6 +18,7 @@ from invrender.estimate.explanation import Explanation
 from invrender.estimate.jacobian import pack
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import Weights
+from invrender.estimate.reference_scale import ReferenceGauge
 from invrender.estimate.reported import Report
 from invrender.estimate.uncertainty import FINEST, NUMERICAL, uncertainty_of
 from invrender.transport.columns import PhotoColumns, sample_count
@@ -31,10 +32,12 @@ _NO_RIVAL = 1e-3
 _AT_THE_END = 0.99
 
 
-def report_of(estimate: Estimate, photos: Sequence[PhotoColumns]) -> Report:
+def report_of(
+    estimate: Estimate, photos: Sequence[PhotoColumns], gauge: ReferenceGauge | None = None
+) -> Report:
     """The reported numbers of an estimate that has a strength of each of the photographs' lightings."""
     known = any("known" in photo.elements for photo in photos)
-    return Report(pack(estimate, {photo.lighting: photo.elements for photo in photos}), known)
+    return Report(pack(estimate, {photo.lighting: photo.elements for photo in photos}), known, gauge)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +58,13 @@ class StatedNumbers:
 
 
 def stated_numbers(
-    candidate: Candidate, photos: Sequence[PhotoColumns], weights: Sequence[Weights]
+    candidate: Candidate,
+    photos: Sequence[PhotoColumns],
+    weights: Sequence[Weights],
+    gauge: ReferenceGauge | None = None,
 ) -> StatedNumbers:
     """A candidate's reported numbers, uncertain by what photographs, noise and our own quadratures leave."""
-    report = report_of(candidate.estimate, photos)
+    report = report_of(candidate.estimate, photos, gauge)
     parameters = report.parameters
     structured = _structured(photos, weights, candidate)
     found = uncertainty_of(report, parameters, candidate.estimate, photos, [w.weight for w in weights])
@@ -101,7 +107,7 @@ def disagreement(chosen: StatedNumbers, known: Explanation) -> Floats:
     @cache
     def on_share(model: Model) -> StatedNumbers:
         trial = known.trials[model.form]
-        return stated_numbers(trial.candidate_like(model), trial.photos, trial.weights)
+        return stated_numbers(trial.candidate_like(model), trial.photos, trial.weights, known.gauge)
 
     return np.maximum(_from_rivals(chosen, known, on_share), _moved_by_misfit(chosen, known, on_share))
 
@@ -159,7 +165,7 @@ def _from_rivals(
             continue
         here, doubt, share = chosen, 1.0, (known.photos, known.weights)
         if other.form is model.form:
-            there = stated_numbers(candidate, *share)
+            there = stated_numbers(candidate, *share, known.gauge)
         else:
             # Both on the share of samples that the other form was tried on, so that noise is in both alike.
             here, there = on_share(model), on_share(other)

@@ -19,6 +19,7 @@ from invrender.estimate.forms import FormTrial, beside, try_forms
 from invrender.estimate.linear import recovers_light
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import NoiseModel, Weights
+from invrender.estimate.reference_scale import ReferenceGauge
 from invrender.estimate.search import LADDER, OTHER_FORMS, fit, models_of, with_neutral
 from invrender.estimate.statistics import total_statistics
 from invrender.estimate.weighing import weigh
@@ -43,7 +44,7 @@ class Explanation:
 
     candidates, chosen : all models that were tried, the simple ones first, and the index of the chosen one. photos,
     weights, noise : columns of the chosen form, what their samples count for, and why. trials : each form's on a share
-    of the samples; none where no specular part is needed.
+    of the samples; none where no specular part is needed. gauge : the scale by references, where no light fixes it.
     """
 
     candidates: tuple[Candidate, ...]
@@ -52,6 +53,7 @@ class Explanation:
     weights: tuple[Weights, ...]
     noise: NoiseModel
     trials: Mapping[LobeForm, FormTrial] = field(default_factory=dict)
+    gauge: ReferenceGauge | None = None
 
     @property
     def best(self) -> Candidate:

@@ -36,6 +36,8 @@ CAUSES = {
     "sphere_place": "sphere's place",
     "lamp_distances": "lamp distances",
     "faults": "found faults",
+    "reference": "the reference",
+    "recovered_light": "recovered light",
     **CALIBRATION,
 }
 
@@ -101,6 +103,24 @@ class FittedLighting:
     ambient_std: Floats | None
     harmonics: HarmonicLight | None = None
     up_to_scale: bool = False
+
+    def dimmed(self, factor: Floats) -> FittedLighting:
+        """The same lighting and its deviations over factors (3,), without harmonics."""
+        lighting, ambient = self.lighting, self.ambient
+        map_ = lighting.radiance_map
+        lighting = replace(
+            lighting,
+            irradiances=lighting.irradiances / factor,
+            radiance_map=None if map_ is None else (map_ / factor).astype(np.float32),
+        )
+        ambient_std = self.ambient_std
+        return replace(
+            self,
+            lighting=lighting,
+            irradiance_std=self.irradiance_std / factor,
+            ambient=None if ambient is None else ambient / factor,
+            ambient_std=None if ambient_std is None else ambient_std / factor,
+        )
 
 
 @dataclass(frozen=True)

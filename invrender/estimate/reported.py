@@ -21,6 +21,7 @@ from invrender.estimate.identifiability import (
 )
 from invrender.estimate.jacobian import Parameters
 from invrender.estimate.quantities import Quantity, scaled
+from invrender.estimate.reference_scale import ReferenceGauge
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -29,13 +30,14 @@ Floats = NDArray[np.float64]
 class Report:
     """The numbers that are reported, as one vector of the fitted ones, in a fixed gauge.
 
-    places : block -> slice: "mu", "sigma", the form's numbers, what follows from these, "kd", "ks", "kd_normalised",
-    "ks_normalised", "strengths".
+    gauge : the scale by references, which hangs on strengths; None where there are none. places : block -> slice: "mu",
+    "sigma", the form's numbers, what follows from these, "kd", "ks", "kd_normalised", "ks_normalised", "strengths".
     """
 
-    def __init__(self, parameters: Parameters, has_known: bool) -> None:
+    def __init__(self, parameters: Parameters, has_known: bool, gauge: ReferenceGauge | None = None) -> None:
         self.parameters = parameters
         self.has_known = has_known
+        self.gauge = gauge
         self.strengths = [name for name in parameters.places if "/" in name]
         gauged = [name for name in self.strengths if "/source" in name] or self.strengths
         self._gauge_places = np.array([_indices(parameters, name) for name in gauged])
@@ -48,8 +50,8 @@ class Report:
 
     @property
     def is_absolute(self) -> bool:
-        """Whether some known light fixes the scale of Kd and Ks."""
-        return self.has_known or not self.strengths
+        """Whether some known light, or a reference, fixes the scale of Kd and Ks."""
+        return self.has_known or not self.strengths or self.gauge is not None
 
     def scale(self, values: Floats) -> Floats:
         """What a share of each reported number means: of itself, but for Kd and Ks of their sum."""
@@ -76,9 +78,7 @@ class Report:
     def _blocks(self, vector: Floats) -> dict[str, Floats]:
         parameters = self.parameters
         brdf = parameters.brdf(vector)
-        scale = np.ones(3)
-        if not self.is_absolute:
-            scale = vector[self._gauge_places].mean(axis=0)
+        scale = self.factor(vector)
         scalars = ("mu", "sigma", *parameters.form.numbers)
         blocks = {name: vector[parameters.places[name]] for name in scalars if name in parameters.places}
         if brdf.sigma is not None:
@@ -93,6 +93,24 @@ class Report:
         strengths = [vector[parameters.places[name]] / scale for name in self.strengths]
         blocks["strengths"] = np.concatenate(strengths) if strengths else np.zeros(0)
         return blocks
+
+    def factor(self, vector: Floats) -> Floats:
+        """Reported Kd and Ks over those of a vector, (3,)."""
+        if self.gauge is not None:
+            places = self.parameters.places
+            return self.gauge.factor({name: vector[places[name]] for name in self.strengths})
+        return np.ones(3) if self.is_absolute else np.asarray(vector[self._gauge_places].mean(axis=0))
+
+    def moved_by_scale(self, values: Floats) -> Floats:
+        """By how much reported numbers rise for each channel's scale, per share of it: (k, 3)."""
+        moved = np.zeros((len(values), 3))
+        for name in ("kd", "ks"):
+            if name in self.places:
+                place = self.places[name]
+                moved[place] = np.diag(values[place])
+        place = self.places["strengths"]
+        moved[place] = -values[place, None] * np.tile(np.eye(3), (len(self.strengths), 1))
+        return moved
 
     def quantities(
         self,

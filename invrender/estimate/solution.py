@@ -102,7 +102,7 @@ def solution_of(
     scores : (p, q) by cause, as `calibration.calibration_scores` has them.
     """
     weights, photos = known.weights, known.photos
-    found = stated_numbers(known.best, photos, weights)
+    found = stated_numbers(known.best, photos, weights, known.gauge)
     report, values, fragility = found.report, found.values, found.fragility
     parts = {
         "noise": np.diag(found.noise),
@@ -121,6 +121,10 @@ def solution_of(
 
     for cause, own in (doubts or {}).items():
         parts[cause] = moved([refitted(known, doubt) for doubt in own])
+    if known.gauge is not None:
+        # Light at the reference may be off by as much as what the model leaves elsewhere.
+        by_scale = np.hypot(known.gauge.scale.own_std, found.structured) * report.moved_by_scale(values)
+        parts["reference"] = by_scale @ by_scale.T
     parts["faults"] = moved([replace(known.best.estimate, brdf=brdf) for brdf in instead])
     stated = {
         cause: found.response @ columns @ columns.T @ found.response.T
@@ -134,8 +138,17 @@ def solution_of(
     variances = {cause: np.diag(part) for cause, part in parts.items()}
     quantities = {name: report.with_shares(name, own, variances) for name, own in quantities.items()}
     brdf_size = report.places["strengths"].start
+    estimate = known.best.estimate
+    if known.gauge is not None:
+        factor = report.factor(report.parameters.vector)
+        brdf = replace(estimate.brdf, kd=estimate.brdf.kd * factor, ks=estimate.brdf.ks * factor)
+        estimate = replace(
+            estimate,
+            brdf=brdf,
+            strengths={name: own / factor for name, own in estimate.strengths.items()},
+        )
     return Solution(
-        estimate=known.best.estimate,
+        estimate=estimate,
         candidates=known.candidates,
         chosen=known.chosen,
         noise=known.noise,
@@ -164,7 +177,7 @@ def _unexplained(parts: Mapping[str, Floats], stated: Mapping[str, Floats]) -> d
 
 def _reported(known: Explanation, estimate: Estimate) -> Floats:
     """The reported numbers of another estimate of the chosen model."""
-    report = report_of(estimate, known.photos)
+    report = report_of(estimate, known.photos, known.gauge)
     return report(report.parameters.vector)
 
 
@@ -208,6 +221,8 @@ def _fitted_lighting(lighting: Lighting, report: Report, values: Floats, std: Fl
 
 
 def _gauge(report: Report) -> str:
+    if report.gauge is not None:
+        return report.gauge.scale.in_words
     if report.is_absolute:
         return "absolute: the given lighting fixes the scale of Kd and Ks in each channel"
     which = "source irradiance" if any("/source" in name for name in report.strengths) else "ambient radiance"

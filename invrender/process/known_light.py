@@ -36,6 +36,7 @@ from invrender.observation.geometry import SceneGeometry
 from invrender.observation.sphere_place import found_of_sphere, place_changes
 from invrender.process.explained import ExplainedSet, explain_set
 from invrender.process.held_out_light import scored_lighting, used_lightings
+from invrender.process.references import known_scale
 from invrender.process.warnings import find_warnings
 from invrender.result.run import Run
 from invrender.result.scores import mean_rms, photo_scores
@@ -44,6 +45,7 @@ from invrender.transport.predict import predict
 from invrender.transport.transfer import LightElement
 from recon.lighting import stands_clear
 from recon.mesh.bodies import Body, SphereBody
+from recon.reference import Reference, find_references
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -70,12 +72,13 @@ def solve_known_light(
     """
     with clock.on("recon"):
         lightings = used_lightings(photoset, geometry.body)
+        references = find_references(photoset, geometry.body)
 
     def explained(under: Mapping[str, Lighting], causes: bool = True) -> ExplainedSet:
         return explain_set(photoset, geometry, under, samples, clock, track, find_causes and causes)
 
     def concluded(known: ExplainedSet, said: Sequence[str] = (), turns: Floats | None = None) -> Run:
-        return _concluded(photoset, geometry, known, clock, said, turns)
+        return _concluded(photoset, geometry, known, references, clock, said, turns)
 
     def under_turned(turned: FoundDirections) -> Run:
         """Under sources in other directions, if these explain photographs better."""
@@ -106,19 +109,26 @@ def _concluded(
     photoset: PhotoSet,
     geometry: SceneGeometry,
     explained: ExplainedSet,
+    references: Sequence[Reference],
     clock: Clock,
     said: Sequence[str],
     turns: Floats | None,
 ) -> Run:
-    """What an explanation amounts to. said : sentences on the lightings. turns : as of `calibration_scores`."""
+    """What an explanation amounts to.
+
+    references : of known reflectance. said : sentences on the lightings. turns : as of `calibration_scores`.
+    """
     lightings, elements, known = explained.lightings, explained.elements, explained.known
+    brdf = known.best.estimate.brdf
+    scale = known_scale(references, known, elements)
+    known = replace(known, gauge=scale.gauge)
     fields, strengths, bounces = explained.fields, explained.strengths, explained.bounces
     causes: tuple[NamedCause, ...] = ()
     instead: list[Microfacet] = []
     if explained.diagnosis is not None:
         causes = named_causes(explained.diagnosis, photoset.radiometry.exposure, geometry.brushing_axis)
         # The error bars hold what a fault moves.
-        instead = [finding.instead(known.best.estimate.brdf) for finding in explained.diagnosis.findings]
+        instead = [finding.instead(brdf) for finding in explained.diagnosis.findings]
     with clock.on("invrender"):
         lights = {lighting.name: lighting for lighting in explained.used}
         doubts = _doubts(explained, lights, geometry)
@@ -140,6 +150,8 @@ def _concluded(
         for name, own in lightings.items()
         if name not in lights
     ]
+    if scale.gauge is not None:
+        scored = [own.dimmed(scale.factor) for own in scored]
     solution = replace(solution, lightings=(*solution.lightings, *scored))
     scores = photo_scores(photoset, solution, fields, explained.residuals)
     warnings = (
@@ -147,6 +159,7 @@ def _concluded(
         *said,
         *find_warnings(photoset, solution, geometry, lightings, causes),
         *explained.remarks,
+        *scale.remarks,
         *([explained.elsewhere] if explained.elsewhere else []),
     )
 
@@ -158,11 +171,11 @@ def _concluded(
 
     def radiance(photo: Photo, field: LightField) -> Floats:
         light = elements[photo.lighting], strengths[photo.label]
-        return with_bounces(photo, field, predict(solution.brdf, *light, field, geometry.shadows))
+        return with_bounces(photo, field, predict(brdf, *light, field, geometry.shadows))
 
     by_samples = sorted(photoset.photos, key=lambda photo: len(fields[photo.label]))
     many = CachedShader(
-        solution.brdf,
+        brdf,
         elements,
         # The last is kept, which is the photograph with the most samples.
         {photo.lighting: fields[photo.label] for photo in by_samples},

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -14,7 +14,6 @@ from capture.photo import Photo
 from capture.photoset import PhotoSet
 from capture.progress import Track, counted
 from capture.source_region import source_regions
-from invrender.brdf.richer import NUMBER_RANGE
 from invrender.diagnostics.diagnosis import diagnose
 from invrender.diagnostics.named import named_causes
 from invrender.diagnostics.unknown_light import unknown_light_remainders
@@ -24,16 +23,16 @@ from invrender.estimate.interreflection.correction import Sent
 from invrender.estimate.interreflection.unknown_light import correct_unknown_light
 from invrender.estimate.lamp_distances import distances_in_words
 from invrender.estimate.models import Estimate, Model
-from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
+from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.estimate.solution import Solution, unless_misfit
 from invrender.estimate.unknown_light import (
     ORDERS,
-    BlindLight,
     BlindSolution,
     blind_steps,
     factorize_blind,
     predict_blind,
 )
+from invrender.estimate.unknown_light.absolute_scale import absolute_blind, check_under
 from invrender.estimate.unknown_light.calibration import with_calibration
 from invrender.estimate.unknown_light.ladder import without_rows
 from invrender.observation.clock import Clock
@@ -47,6 +46,7 @@ from invrender.process.held_out_light import (
     scored_lighting,
     used_tables,
 )
+from invrender.process.recovered import brdf_numbers, in_absolute_scale, recovered_lighting
 from invrender.process.warnings import find_warnings
 from invrender.result.run import Run, pixel_by_pixel
 from invrender.result.scores import photo_scores
@@ -54,15 +54,11 @@ from invrender.transport.predict import predict
 from invrender.transport.radiosity import ConcaveMesh
 from invrender.transport.visibility import Shadows
 from invrender.wording import sentences
-from recon.harmonics.basis import degree_of
-from recon.harmonics.latlong import project_latlong, synthesise_latlong
+from recon.reference import find_references
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
-_MAP_HEIGHT = 64
-# Turns to a map that is nowhere negative; the degree up to which it keeps the light's harmonics.
-_CUTS, _SHADED = 30, 4
 # Of the light in a dark room: the same from all sides.
 _DARK = (0,)
 _NO_SCALE = Quantity(
@@ -70,7 +66,7 @@ _NO_SCALE = Quantity(
     None,
     "undetermined",
     "without highlights, photographs in unknown light show only the product of Kd and light",
-    "measure the light, with a mirror ball say, or photograph something of known albedo beside the object",
+    "measure the light, with a mirror ball say, or photograph a [[reference]] of known reflectance beside the object",
 )
 
 
@@ -88,6 +84,8 @@ def solve_unknown_light(
     """
     with clock.on("recon"):
         others = held_out_lights(photoset, geometry.body)
+        references = find_references(photoset, geometry.body)
+    check_under(references, dict.fromkeys(photo.lighting for photo in photoset.fitted))
     orders = orders_of(photoset, others)
     if factorize is None:
         regions = source_regions(photoset.lightings)
@@ -156,6 +154,9 @@ def solve_unknown_light(
         given = [(photo.label, photo.lighting, fields[photo.label]) for photo in fitted]
         scene = unknown_light_remainders(blind, solution.brdf, geometry, given, left)
         causes = named_causes(diagnose(scene), photoset.radiometry.exposure)
+    solution = replace(
+        solution, lightings=(*solution.lightings, *_scored(others, strengths, photoset.photos))
+    )
     warnings = [*left_out, *sentences(blind.warnings)]
     distances = distances_in_words({own.lighting.name: own.lighting for own in solution.lightings})
     if distances:
@@ -164,26 +165,34 @@ def solve_unknown_light(
             " Measure one: if it is elsewhere, something else falls off across the object, such as its paint."
         )
     warnings += find_warnings(photoset, solution, geometry, {}, causes)
-    # Of several photographs under such a light the first gives its strength in the result.
-    firsts = {
-        photo.lighting: strengths[photo.label]
-        for photo in reversed(photoset.photos)
-        if photo.label in strengths
-    }
-    scored = [scored_lighting(others[name].lighting, others[name].elements, firsts[name]) for name in others]
+    scores = photo_scores(photoset, solution, fields, residuals)
+    if references:
+        absolute = absolute_blind(blind, references, solution.structured)
+        solution = in_absolute_scale(solution, blind, absolute)
+        warnings += absolute.scale.remarks
     return Run(
         photoset,
         geometry,
-        replace(solution, lightings=(*solution.lightings, *scored)),
+        solution,
         fields,
         residuals,
-        photo_scores(photoset, solution, fields, residuals),
+        scores,
         tuple(warnings),
         radiance,
         pixel_by_pixel(radiance),
         interreflection=None if bounces is None else bounces.found,
         causes=causes,
     )
+
+
+def _scored(
+    others: Mapping[str, HeldOutLight], strengths: Mapping[str, Floats], photos: Sequence[Photo]
+) -> list[FittedLighting]:
+    """Known lightings that held-out photographs are under; of several under one the first gives its strength."""
+    firsts = {
+        photo.lighting: strengths[photo.label] for photo in reversed(photos) if photo.label in strengths
+    }
+    return [scored_lighting(other.lighting, other.elements, firsts[name]) for name, other in others.items()]
 
 
 def _under(
@@ -253,7 +262,7 @@ def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Seq
         )
         for candidate in blind.candidates
     )
-    names, of_brdf = _brdf_numbers(blind.covariance_names)
+    names, of_brdf = brdf_numbers(blind.covariance_names)
     trusted = [np.sqrt(own.trust) * residual for own, residual in zip(blind.weights, residuals, strict=True)]
     return Solution(
         estimate=candidates[blind.chosen].estimate,
@@ -270,50 +279,9 @@ def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Seq
     )
 
 
-def _brdf_numbers(fitted: Sequence[str]) -> tuple[tuple[str, ...], Floats]:
-    """Names of the BRDF's numbers, and how those that were fitted (t,) make them up, (n, t): Kd falls as Ks rises."""
-    made_of: dict[str, dict[str, float]] = {}
-    for name, sign in (("kd", -1.0), ("ks", 1.0)):
-        made_of |= {f"{name}.{c}": {f"share {c}": sign} for c in "rgb" if f"share {c}" in fitted}
-    made_of |= {name: {name: 1.0} for name in ("mu", "sigma", *NUMBER_RANGE) if name in fitted}
-    parts = [[parts.get(name, 0.0) for name in fitted] for parts in made_of.values()]
-    return tuple(made_of), np.array(parts).reshape(len(made_of), len(fitted))
-
-
 def _quantities(blind: BlindSolution) -> dict[str, Quantity]:
     if blind.sigma is None:
         return {"kd": _NO_SCALE}
     quantities = blind.quantities
     # In this gauge the shares are Kd and Ks themselves.
     return {"kd": quantities["kd_normalised"], "ks": quantities["ks_normalised"], **quantities}
-
-
-def _map_of(coefficients: Floats) -> NDArray[np.float32]:
-    """The map (64, 128, 3) of harmonics ((l_max + 1)^2, 3), nowhere negative.
-
-    Harmonics ring below zero around what is sharp. A map cut there would be brighter than the light is: so it is cut
-    and given back its harmonics up to the degree that shading shows, in turns [Youla & Webb 1982, eq. 2.1].
-    """
-    radiance = synthesise_latlong(coefficients, _MAP_HEIGHT)
-    degree = min(_SHADED, degree_of(len(coefficients)))
-    kept = coefficients[: (degree + 1) ** 2]
-    for _ in range(_CUTS):
-        cut = np.maximum(radiance, 0)
-        radiance = cut + synthesise_latlong(kept - project_latlong(cut, degree), _MAP_HEIGHT)
-    return np.maximum(radiance, 0).astype(np.float32)
-
-
-def recovered_lighting(name: str, light: BlindLight) -> FittedLighting:
-    """A recovered light as results have it."""
-    radiance, sources = _map_of(light.coefficients), light.sources
-    lighting = replace(sources.lighting, name=name, radiance_map=radiance, origin="recovered")
-    doubt = light.doubt
-    harmonics = HarmonicLight(
-        light.coefficients,
-        light.coefficients_std,
-        light.degree_shares,
-        light.determined_degree,
-        "" if doubt is None else doubt.reason,
-        "" if doubt is None else doubt.remedy,
-    )
-    return FittedLighting(lighting, sources.irradiance_std, None, None, harmonics)

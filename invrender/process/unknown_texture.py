@@ -33,8 +33,9 @@ from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import PhotoReader
 from invrender.process.held_out_light import used_tables
+from invrender.process.recovered import recovered_lighting
 from invrender.process.textured import Recovered, solve_textured
-from invrender.process.unknown_light import orders_of, recovered_lighting
+from invrender.process.unknown_light import orders_of
 from invrender.result.run import TexturedRun
 from invrender.theory.operator import irradiance_operator
 from invrender.wording import sentences
@@ -182,21 +183,7 @@ def _scaled(
     left = sum((photo.radiance - lobe).sum(axis=0) for photo, (_, lobe) in zip(photos, parts, strict=True))
     of_paint = np.maximum(left / sum(base.sum(axis=0) for base, _ in parts), 0)
     scale = (1 - blind.brdf_share) * of_paint + blind.brdf_share
-    return {name: _times(light, scale) for name, light in blind.lights.items()}
-
-
-def _times(light: BlindLight, scale: Floats) -> BlindLight:
-    sources = light.sources
-    return replace(
-        light,
-        coefficients=light.coefficients * scale,
-        coefficients_std=light.coefficients_std * scale,
-        sources=replace(
-            sources,
-            irradiances=sources.irradiances * scale,
-            irradiance_std=sources.irradiance_std * scale,
-        ),
-    )
+    return {name: light.times(scale) for name, light in blind.lights.items()}
 
 
 def _unsure(

@@ -26,13 +26,20 @@ BRUSHED = 'model = "anisotropic"\nkd = [0.05, 0.04, 0.03]\nks = 0.08\nmu = 1.6\n
 
 
 def write_set(
-    folder: Path, material: str = GLOSSY, distance: float | None = None, noise: float = 0.01
+    folder: Path,
+    material: str = GLOSSY,
+    distance: float | None = None,
+    noise: float = 0.01,
+    beside: int = 0,
 ) -> Path:
-    """A sphere under one lamp per photograph, given as distant; distance : metres, None for far away."""
+    """A sphere under one lamp per photograph, given as distant; distance : metres, None for far away.
+
+    beside : pixels more in width, half of them on either side.
+    """
     parts = [
         f'format = 1\nname = "faulty"\n[object]\nshape = "sphere"\nradius = {RADIUS}\nstated = true',
         f"[material]\n{material}",
-        f"[camera]\nwidth = {SIZE}\nheight = {SIZE}\nfocal_px = {0.45 * SIZE * 0.6 / RADIUS}",
+        f"[camera]\nwidth = {SIZE + beside}\nheight = {SIZE}\nfocal_px = {0.45 * SIZE * 0.6 / RADIUS}",
         f"[sensor]\nnoise = {noise}",
     ]
     for k, (azimuth, elevation) in enumerate(LAMPS):

@@ -97,6 +97,16 @@ class BlindLight:
             total = total + project_sources(sources.directions, sources.irradiances, l_max)
         return np.asarray(total / total[0])
 
+    def times(self, scale: Floats) -> BlindLight:
+        """The same light, brighter by factors (3,)."""
+        sources = replace(
+            self.sources,
+            irradiances=self.sources.irradiances * scale,
+            irradiance_std=self.sources.irradiance_std * scale,
+        )
+        coefficients, std = self.coefficients * scale, self.coefficients_std * scale
+        return replace(self, coefficients=coefficients, coefficients_std=std, sources=sources)
+
 
 @dataclass(frozen=True, eq=False)
 class BlindSolution:

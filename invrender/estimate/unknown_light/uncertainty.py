@@ -66,6 +66,8 @@ class BlindUncertainty:
     misfit: float = 0.0
     radii: Floats = field(default_factory=lambda: np.zeros(0))
     other_mu: Mapping[str, float] = field(default_factory=dict)
+    leverage: Mapping[int, Floats] = field(default_factory=dict)
+    alone: Mapping[int, Floats] = field(default_factory=dict)
 
     @property
     def variances(self) -> dict[str, Floats]:
@@ -192,20 +194,23 @@ def _of_noise(search: Search, fit: BlindFit) -> BlindUncertainty:
     ratio, fragility = _sandwich(search, fit, joint, equations.leverage, inverse / noise, np.diag(inverse))
     root = np.sqrt(ratio)
     covariance = inverse * np.outer(root, root)
-    light_std, shares = {}, {}
+    light_std, shares, leverages, alone = {}, {}, {}, {}
     wider = _wider_light(search, fit, noise)
     for lighting in fit.light:
         prior = prior_precision(search.scales[lighting], fit.l_max, int((fit.state.owners == lighting).sum()))
         gram, leverage = joint.whole[lighting].gram, equations.leverage[lighting]
-        light_std[lighting], shares[lighting] = _of_light(
+        light_std[lighting], shares[lighting], alone[lighting] = _of_light(
             gram, leverage, prior, noise, covariance, wider[lighting], fit.l_max
         )
+        leverages[lighting] = leverage / np.where(scales, scales, 1)
     return BlindUncertainty(
         covariance * np.outer(scales, scales),
         light_std,
         fragility * np.abs(scales),
         shares,
         {"noise": np.diag(inverse) * scales**2},
+        leverage=leverages,
+        alone=alone,
     )
 
 
@@ -223,23 +228,26 @@ def _of_light(
     covariance: Floats,
     wider: Floats,
     l_max: int,
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, Floats]:
     """Standard deviations (k + j, 3) of a lighting, and the photographs' share (l_max + 1,) in what is known of it.
 
-    wider : (k + j, 3), times the variances that independent noise leaves.
+    wider : (k + j, 3), times the variances that independent noise leaves. Returned, too, is its covariance
+    (3, k + j, k + j) where all other numbers are known.
     """
     size = (l_max + 1) ** 2
-    stds, shares = [], []
+    stds, shares, covariances = [], [], []
     for c in range(3):
         before = np.diag(prior[c])
         data = (gram[c] - before) / noise
         alone, shared = np.linalg.inv(data + before), leverage[c] @ covariance @ leverage[c].T
         posterior = alone + shared
-        stds.append(np.sqrt(wider[:, c] * np.diag(alone) + np.diag(shared)))
+        root = np.sqrt(wider[:, c])
+        covariances.append(alone * np.outer(root, root))
+        stds.append(np.sqrt(np.diag(covariances[-1]) + np.diag(shared)))
         gained = np.linalg.inv(posterior[:size, :size]) - before[:size, :size]
         known = Information((gained + gained.T) / 2).against(prior[c, :size] ** -0.5)
         shares.append(known.share_per_degree())
-    return np.stack(stds, axis=-1), np.mean(shares, axis=0)
+    return np.stack(stds, axis=-1), np.mean(shares, axis=0), np.stack(covariances)
 
 
 def _prior_std(name: str) -> float:

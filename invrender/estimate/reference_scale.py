@@ -1,0 +1,167 @@
+"""The scale that references fix: as much light falls on them as makes them show what they reflect.
+
+Photographs in unknown light show products of reflectance and light. A diffuse reference of reflectance rho sends
+rho E / pi where E falls on it [RH01, eq. 15]. Where a fit in a scale of its own says E', Kd and Ks are E' / E times
+what it says, and light is E / E' times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.reference import Reference
+
+Floats = NDArray[np.float64]
+# Irradiance (n, 3) of a reference's pixels, if their normals (n, 3) were these.
+Falls = Callable[[Reference, Floats], Floats]
+
+# Turn of a normal, radians, that shows what its deviation does.
+_TURN = 1e-3
+# References that are further apart than so many deviations are named.
+_APART = 3.0
+# Least irradiance of a reference, over what its photograph's light sends head-on, in which its angle can be trusted.
+_GRAZING = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceScale:
+    """What references say of a scale, and how far off they may be by themselves.
+
+    references : some. weights : (r,), of their logarithms in the mean; they add up to 1. variances : (r, 3), squared
+    shares, of what reflectance, tilt and uneven light leave open. own_std : (3,), the mean's share, which holds by what
+    they differ. remarks : sentences.
+    """
+
+    references: tuple[Reference, ...]
+    weights: Floats
+    own_std: Floats
+    remarks: tuple[str, ...]
+
+    @staticmethod
+    def of(references: Sequence[Reference], falls: Falls) -> ReferenceScale:
+        """What references say; falls : the light on them, by a fit in its own scale.
+
+        Raises ValueError where next to none falls on one.
+        """
+        variances, logs = [], []
+        for reference in references:
+            fallen = reference.mean(falls(reference, reference.normals))
+            _check_lit(reference, fallen, falls)
+            variances.append(_variance(reference, fallen, falls))
+            logs.append(np.log(fallen / (np.pi * reference.mean(reference.white))))
+        variance, log = np.array(variances), np.array(logs)
+        weights = 1 / variance.mean(axis=1)
+        weights /= weights.sum()
+        own = (weights[:, None] ** 2 * variance).sum(axis=0)
+        mean = weights @ log
+        apart = (log - mean) ** 2 / variance
+        if len(references) > 1:
+            own = own * np.maximum(1, apart.sum(axis=0) / (len(references) - 1))
+        remarks = [
+            f"The references differ: by {reference.name} everything would be {np.exp(of - mean).mean() - 1:+.0%} as"
+            f" bright, {np.sqrt(far.max()):.0f} deviations from the others. See which lies in a shadow, glints, or has"
+            " another reflectance than is given."
+            for reference, of, far in zip(references, log, apart, strict=True)
+            if far.max() > _APART**2 and len(references) > 1
+        ]
+        return ReferenceScale(tuple(references), weights, np.sqrt(own), tuple(remarks))
+
+    def factor(self, fallen: Floats) -> Floats:
+        """Kd and Ks over those of a fit that lets `fallen` (r, 3), mean irradiance, fall on the references; (3,)."""
+        white = np.array([reference.mean(reference.white) for reference in self.references])
+        return np.asarray(np.exp(self.weights @ np.log(np.maximum(fallen, 1e-300) / (np.pi * white))))
+
+    def gauge(self, falls_per_strength: Callable[[Reference], Mapping[str, Floats]]) -> ReferenceGauge:
+        """The scale as a function of strengths; falls_per_strength : as `ReferenceGauge.reached` has it, of one."""
+        return ReferenceGauge(self, tuple(map(falls_per_strength, self.references)))
+
+    @property
+    def in_words(self) -> str:
+        """The gauge that they fix."""
+        which = " and ".join(dict.fromkeys(reference.name for reference in self.references))
+        return f"absolute: {which} of known reflectance fixes the scale of Kd, Ks and light in each channel"
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceGauge:
+    """A scale that hangs on strengths of lightings.
+
+    reached : of each reference mean irradiance, (3,) or (1,), per unit of strengths by their names.
+    """
+
+    scale: ReferenceScale
+    reached: tuple[Mapping[str, Floats], ...]
+
+    def factor(self, strengths: Mapping[str, Floats]) -> Floats:
+        """Kd and Ks over those of a fit with strengths (3,) by their names; (3,)."""
+        fallen = [sum(own * strengths[name] for name, own in of.items()) for of in self.reached]
+        return self.scale.factor(np.array(fallen))
+
+
+def check_under(references: Sequence[Reference], lights: Mapping[str, object]) -> None:
+    """ValueError where a reference is under a light that no fitted photograph is under."""
+    for reference in references:
+        if reference.lighting not in lights:
+            raise ValueError(
+                f"{reference.where}: its light {reference.lighting!r} is on no photograph that is fitted, so nothing"
+                " relates it to the others: show the reference in a photograph under one of"
+                f" {', '.join(map(repr, lights))}"
+            )
+
+
+def places_of(reference: Reference, sources: Floats) -> Floats:
+    """Where a reference's pixels are, (n, 3) metres, as far as sources, (k, 3) or (k, 4), ask for it.
+
+    ValueError where nothing says, and lamps are near.
+    """
+    if reference.positions is not None:
+        return reference.positions
+    if sources.shape[1] == 4 and sources[:, 3].any():
+        raise ValueError(
+            f"{reference.where}: the lamps are near, so that light falls off across the scene: give the reference's"
+            " position, metres in the world, or the size of a card whose four corners region names"
+        )
+    return np.zeros_like(reference.normals)
+
+
+def _check_lit(reference: Reference, fallen: Floats, falls: Falls) -> None:
+    facing = np.eye(3)
+    brightest = np.max(
+        [
+            reference.mean(falls(reference, np.tile(way, (len(reference.normals), 1))))
+            for way in (*facing, *-facing)
+        ],
+        axis=0,
+    )
+    if (fallen <= _GRAZING * brightest).any():
+        raise ValueError(
+            f"{reference.where}: by the fit next to no light falls on it the way that it faces,"
+            f" {np.round(reference.normals.mean(axis=0), 2).tolist()}: check its normal and its frame, the world's"
+        )
+
+
+def _variance(reference: Reference, fallen: Floats, falls: Falls) -> Floats:
+    """Squared shares (3,) of what the reference itself leaves open."""
+    tilt = np.zeros(3)
+    if reference.normal_std:
+        normal = reference.normals[0]
+        across = np.linalg.svd(normal[None])[2][1:]
+        for way in across:
+            turned = normal + _TURN * way
+            turned = np.tile(turned / np.linalg.norm(turned), (len(reference.normals), 1))
+            slope = (reference.mean(falls(reference, turned)) / fallen - 1) / _TURN
+            tilt += (reference.normal_std * slope) ** 2
+    whole = falls(reference, reference.normals)
+    white = reference.mean(reference.white)
+    parts = np.unique(reference.parts)
+    uneven = np.zeros(3)
+    if len(parts) > 1:
+        shown = [reference.white[reference.parts == part].mean(axis=0) / white for part in parts]
+        expected = [whole[reference.parts == part].mean(axis=0) / fallen for part in parts]
+        # What varies across it varies between it and the object.
+        uneven = np.var(np.array(shown) - np.array(expected), axis=0, ddof=1)
+    return np.asarray(reference.reflectance_std**2 + tilt + uneven)

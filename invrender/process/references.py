@@ -1,0 +1,86 @@
+"""What references of known reflectance say of a set under lightings of which something is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.estimate.explanation import Explanation
+from invrender.estimate.reference_scale import ReferenceGauge, ReferenceScale, check_under, places_of
+from invrender.transport.transfer import LightElement, diffuse_transfer
+from recon.reference import Reference
+
+Floats = NDArray[np.float64]
+Elements = Mapping[str, Sequence[LightElement]]
+
+# A given light and a reference that differ by more deviations, and by more than this share, contradict each other.
+_APART, _NOTABLE = 3.0, 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class KnownScale:
+    """The scale of a set under lightings of which something is known.
+
+    gauge : that references fix; None where none are there, or light is given. factor : (3,), of Kd and Ks by it.
+    remarks : sentences.
+    """
+
+    gauge: ReferenceGauge | None
+    factor: Floats
+    remarks: tuple[str, ...]
+
+
+def known_scale(references: Sequence[Reference], known: Explanation, elements: Elements) -> KnownScale:
+    """What references say of the scale of an explanation; elements : of lightings by name.
+
+    Where light is given the references are witnesses: a sentence says so if they contradict it. Raises ValueError for a
+    reference on which no light falls, or under a lighting of no fitted photograph.
+    """
+    if not references:
+        return KnownScale(None, np.ones(3), ())
+    strengths = known.best.estimate.strengths
+    check_under(references, strengths)
+
+    def per_strength(reference: Reference, normals: Floats) -> list[Floats]:
+        own = elements[reference.lighting]
+        return [diffuse_transfer(_at(element, reference), normals) for element in own]
+
+    def falls(reference: Reference, normals: Floats) -> Floats:
+        parts = per_strength(reference, normals)
+        return np.asarray(sum(of * by for of, by in zip(parts, strengths[reference.lighting], strict=True)))
+
+    scale = ReferenceScale.of(references, falls)
+    fallen = np.array([reference.mean(falls(reference, reference.normals)) for reference in references])
+    factor = scale.factor(fallen)
+    if any(element.name == "known" for name in strengths for element in elements[name]):
+        return KnownScale(None, np.ones(3), (*scale.remarks, *_contradiction(scale, factor)))
+
+    def reached(reference: Reference) -> dict[str, Floats]:
+        parts = per_strength(reference, reference.normals)
+        return {
+            f"{reference.lighting}/{element.name}": reference.mean(part)
+            for element, part in zip(elements[reference.lighting], parts, strict=True)
+        }
+
+    return KnownScale(scale.gauge(reached), factor, scale.remarks)
+
+
+def _at(element: LightElement, reference: Reference) -> LightElement:
+    return element.at(places_of(reference, element.directions))
+
+
+def _contradiction(scale: ReferenceScale, factor: Floats) -> list[str]:
+    """Whether given light sends references as much as they show; factor : (3,), given light over what they show."""
+    off = np.abs(np.log(factor))
+    if not ((off > _APART * scale.own_std) & (off > _NOTABLE)).any():
+        return []
+    shown = ", ".join(f"{1 / of - 1:+.0%}" for of in factor)
+    names = " and ".join(dict.fromkeys(reference.name for reference in scale.references))
+    return [
+        f"By {names} other light falls than is given: {shown} of it (red, green, blue), more than the reference's own"
+        f" {scale.own_std.mean():.0%}. The given light was kept. Check the exposures, the light's unit, and whether"
+        " something shades the reference or it glints."
+    ]
