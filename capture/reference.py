@@ -202,8 +202,8 @@ def _grey_patches(
         mask = _within(quads[k], image.saturated.shape)
         if chart.srgb[k].mean() >= _GREY and mask.any() and image.saturated[mask].mean() <= _SATURATED:
             masks.append(mask)
-            # A grey patch is grey: by how much its own sRGB differs from that, cameras' filters do, too.
-            reflectances.append(np.full(3, chart.srgb[k].mean()))
+            # Exact where colours go through a matrix; the camera's own differ from it by less than grey from grey.
+            reflectances.append(chart.srgb[k])
     if not masks:
         raise ValueError("all of the chart's bright grey patches are saturated: expose less")
     return found, masks, reflectances

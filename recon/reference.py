@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 _BY_EYE_DEG = 2.0
 # Deviation of corners that were read off a photograph, pixels.
 _CORNER_PX = 0.5
+# By so many pixels, and so much of its size, corners may miss those of a rectangle.
+_MOST_PX, _MOST = 2.0, 0.01
 # Two ways to lie are told apart where the worse one misses its corners by so many times as much, and so many pixels.
 _TOLD_APART, _MISSES_PX = 3.0, 1.0
 # Share of a reference's pixels that may show the object.
@@ -149,7 +151,7 @@ def _pose(corners: Floats, plane: Floats, camera: Camera) -> tuple[Floats, float
         return sorted(found, key=lambda way: way[0])
 
     (miss, normal, middle), *others = ways(corners)
-    if miss > 10 * _CORNER_PX:
+    if miss > _MOST_PX + _MOST * np.ptp(corners, axis=0).max():
         raise ValueError(
             f"the corners miss those of a flat rectangle of that size by {miss:.1f} pixels: give them in turn around"
             " it, the first two along its width"
@@ -164,7 +166,7 @@ def _pose(corners: Floats, plane: Floats, camera: Camera) -> tuple[Floats, float
     moved = []
     for k in range(corners.size):
         step = np.zeros(corners.size)
-        step[k] = _CORNER_PX
+        step[k] = max(_CORNER_PX, miss)
         nearest = max(ways(corners + step.reshape(corners.shape)), key=lambda way: way[1] @ normal)
         moved.append(nearest[1] - normal)
     std = np.sqrt((np.array(moved) ** 2).sum() / 2)

@@ -138,6 +138,28 @@ class PhotoScore:
     cross_validated: float | None
 
 
+@dataclass(frozen=True, eq=False)
+class ReferenceScore:
+    """How well one reference is explained, by its photograph's label and the name of its light.
+
+    name : of the reference. weight : its share in the scale. stds : by what leaves the scale that it gives uncertain,
+    ("reflectance", "tilt", "evenness"), shares (3,). over_shown : (3,), radiance that the light sends from it, over
+    what it shows.
+    """
+
+    name: str
+    photo: str
+    lighting: str
+    weight: float
+    stds: Mapping[str, Floats]
+    over_shown: Floats
+
+    @property
+    def std(self) -> Floats:
+        """Share (3,) by which the scale that it gives is uncertain, the light on it being as the fit has it."""
+        return np.asarray(np.sqrt(sum(own**2 for own in self.stds.values())))
+
+
 def limits(shares: Mapping[str, float], most: int = 3) -> str:
     """What has most of a number's variance, in words: "camera poses 62%, pixel noise 30%"; empty if nobody split it."""
     largest = sorted(shares.items(), key=lambda entry: -entry[1])[:most]

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.estimate.quantities import ReferenceScore
 from recon.reference import Reference
 
 Floats = NDArray[np.float64]
@@ -31,12 +32,14 @@ _GRAZING = 0.05
 class ReferenceScale:
     """What references say of a scale, and how far off they may be by themselves.
 
-    references : some. weights : (r,), of their logarithms in the mean; they add up to 1. variances : (r, 3), squared
-    shares, of what reflectance, tilt and uneven light leave open. own_std : (3,), the mean's share, which holds by what
-    they differ. remarks : sentences.
+    references : some. factors : (r, 3), of Kd and Ks by each. stds : of each, by what leaves these open, shares (3,).
+    weights : (r,), of the factors' logarithms in the mean; they add up to 1. own_std : (3,),
+    the mean's share, which holds by what they differ. remarks : sentences.
     """
 
     references: tuple[Reference, ...]
+    factors: Floats
+    stds: tuple[Mapping[str, Floats], ...]
     weights: Floats
     own_std: Floats
     remarks: tuple[str, ...]
@@ -47,13 +50,14 @@ class ReferenceScale:
 
         Raises ValueError where next to none falls on one.
         """
-        variances, logs = [], []
+        stds, logs = [], []
         for reference in references:
             fallen = reference.mean(falls(reference, reference.normals))
             _check_lit(reference, fallen, falls)
-            variances.append(_variance(reference, fallen, falls))
+            stds.append(_deviations(reference, fallen, falls))
             logs.append(np.log(fallen / (np.pi * reference.mean(reference.white))))
-        variance, log = np.array(variances), np.array(logs)
+        variance = np.array([sum(own**2 for own in of.values()) for of in stds])
+        log = np.array(logs)
         weights = 1 / variance.mean(axis=1)
         weights /= weights.sum()
         own = (weights[:, None] ** 2 * variance).sum(axis=0)
@@ -68,12 +72,25 @@ class ReferenceScale:
             for reference, of, far in zip(references, log, apart, strict=True)
             if far.max() > _APART**2 and len(references) > 1
         ]
-        return ReferenceScale(tuple(references), weights, np.sqrt(own), tuple(remarks))
+        return ReferenceScale(
+            tuple(references), np.exp(log), tuple(stds), weights, np.sqrt(own), tuple(remarks)
+        )
 
     def factor(self, fallen: Floats) -> Floats:
         """Kd and Ks over those of a fit that lets `fallen` (r, 3), mean irradiance, fall on the references; (3,)."""
         white = np.array([reference.mean(reference.white) for reference in self.references])
         return np.asarray(np.exp(self.weights @ np.log(np.maximum(fallen, 1e-300) / (np.pi * white))))
+
+    def scores(self, factor: Floats) -> tuple[ReferenceScore, ...]:
+        """How well each reference is explained where Kd and Ks are factors (3,) times those of the fit."""
+        return tuple(
+            ReferenceScore(
+                reference.name, reference.photo, reference.lighting, float(weight), of, own / factor
+            )
+            for reference, weight, of, own in zip(
+                self.references, self.weights, self.stds, self.factors, strict=True
+            )
+        )
 
     def gauge(self, falls_per_strength: Callable[[Reference], Mapping[str, Floats]]) -> ReferenceGauge:
         """The scale as a function of strengths; falls_per_strength : as `ReferenceGauge.reached` has it, of one."""
@@ -82,8 +99,15 @@ class ReferenceScale:
     @property
     def in_words(self) -> str:
         """The gauge that they fix."""
-        which = " and ".join(dict.fromkeys(reference.name for reference in self.references))
-        return f"absolute: {which} of known reflectance fixes the scale of Kd, Ks and light in each channel"
+        return (
+            f"absolute: {self.named} of known reflectance fixes the scale of Kd, Ks and light in each channel"
+        )
+
+    @property
+    def named(self) -> str:
+        """The references: by name, or how many."""
+        names = list(dict.fromkeys(reference.name for reference in self.references))
+        return names[0] if len(names) == 1 else f"the mean of {len(self.references)} references"
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +168,8 @@ def _check_lit(reference: Reference, fallen: Floats, falls: Falls) -> None:
         )
 
 
-def _variance(reference: Reference, fallen: Floats, falls: Falls) -> Floats:
-    """Squared shares (3,) of what the reference itself leaves open."""
+def _deviations(reference: Reference, fallen: Floats, falls: Falls) -> dict[str, Floats]:
+    """Shares (3,) of what the reference itself leaves open, by what does."""
     tilt = np.zeros(3)
     if reference.normal_std:
         normal = reference.normals[0]
@@ -164,4 +188,8 @@ def _variance(reference: Reference, fallen: Floats, falls: Falls) -> Floats:
         expected = [whole[reference.parts == part].mean(axis=0) / fallen for part in parts]
         # What varies across it varies between it and the object.
         uneven = np.var(np.array(shown) - np.array(expected), axis=0, ddof=1)
-    return np.asarray(reference.reflectance_std**2 + tilt + uneven)
+    return {
+        "reflectance": np.full(3, reference.reflectance_std),
+        "tilt": np.sqrt(tilt),
+        "evenness": np.asarray(np.sqrt(uneven)),
+    }

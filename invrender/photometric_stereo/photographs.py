@@ -16,6 +16,7 @@ from capture.parallel import parallel_map
 from capture.photo import Photo
 from capture.photoset import UNKNOWN_NORMALS, PhotoSet
 from capture.progress import Track, silent
+from invrender.estimate.known_scale import given_scale
 from invrender.photometric_stereo.models import FEWEST_FOR_A_LOBE
 from invrender.photometric_stereo.stack import PixelStack
 from recon.lighting import frame_warnings, read_lighting
@@ -113,6 +114,7 @@ def read_capture(photoset: PhotoSet, track: Track = silent) -> StereoCapture:
         lighting for photo, lighting in zip(photoset.photos, lightings, strict=True) if not photo.held_out
     ]
     _check_span(photoset, fitted)
+    scale = given_scale(photoset, {photo.lighting: by_name[photo.lighting] for photo in photoset.photos})
     rows, columns = np.nonzero(inside)
     read = partial(_read, photoset, rows, columns)
     photos = list(parallel_map(read, track(photoset.photos, "Reading photographs")))
@@ -135,7 +137,7 @@ def read_capture(photoset: PhotoSet, track: Track = silent) -> StereoCapture:
         lightings,
         _given_normals(photoset, inside),
         depth,
-        (*frame_warnings(photoset), *_shortcomings(int(is_fitted.sum()), enough)),
+        (*frame_warnings(photoset), *_shortcomings(int(is_fitted.sum()), enough), *scale.remarks),
     )
 
 

@@ -17,6 +17,7 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.named import NamedCause, named_causes
 from invrender.estimate.calibration import calibration_scores, weighed_photos
 from invrender.estimate.explanation import Explanation
+from invrender.estimate.known_scale import known_scale
 from invrender.estimate.lamp_directions import (
     FEWER,
     FoundDirections,
@@ -36,7 +37,6 @@ from invrender.observation.geometry import SceneGeometry
 from invrender.observation.sphere_place import found_of_sphere, place_changes
 from invrender.process.explained import ExplainedSet, explain_set
 from invrender.process.held_out_light import scored_lighting, used_lightings
-from invrender.process.references import known_scale
 from invrender.process.warnings import find_warnings
 from invrender.result.run import Run
 from invrender.result.scores import mean_rms, photo_scores
@@ -120,7 +120,7 @@ def _concluded(
     """
     lightings, elements, known = explained.lightings, explained.elements, explained.known
     brdf = known.best.estimate.brdf
-    scale = known_scale(references, known, elements)
+    scale = known_scale(references, known.best.estimate.strengths, elements)
     known = replace(known, gauge=scale.gauge)
     fields, strengths, bounces = explained.fields, explained.strengths, explained.bounces
     causes: tuple[NamedCause, ...] = ()
@@ -200,6 +200,7 @@ def _concluded(
         pictured,
         interreflection=None if bounces is None else bounces.found,
         causes=causes,
+        references=scale.scores,
     )
 
 

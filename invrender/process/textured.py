@@ -21,6 +21,7 @@ from capture.progress import Track, counted
 from capture.tasks.stage import kept_result
 from invrender.brdf.form import LobeForm
 from invrender.estimate.interreflection.textured import CorrectedTextures, correct_textures
+from invrender.estimate.known_scale import given_scale
 from invrender.estimate.solution import Solution
 from invrender.estimate.textured.colors import color_shares
 from invrender.estimate.textured.fit import FIT_STEPS, TexturedFit, fit_textured
@@ -80,6 +81,8 @@ def solve_textured(
     body = geometry.body
     assert isinstance(body, MeshBody)
     lightings = given_lightings(photoset, body, clock) if recovered is None else recovered.lightings
+    # In recovered light references have fixed its scale already.
+    scale = given_scale(photoset, lightings, body) if recovered is None else None
     bench = TextureBench.of(photoset, geometry, lightings)
     with clock.on("recon"):
         layout, faults = find_layout(body, footprint(photoset, body))
@@ -118,6 +121,7 @@ def solve_textured(
     warnings = (
         *find_warnings(photoset, solution, geometry, lightings),
         *_remarks([*faults, *dark], textures),
+        *(() if scale is None else scale.remarks),
     )
     return TexturedRun(
         photoset,
@@ -131,6 +135,7 @@ def solve_textured(
         pictures.pictured,
         interreflection=None if accounted is None else accounted.found,
         textures=textures,
+        references=() if scale is None else scale.scores,
         transfers=pictures.transfers,
         shaded=pictures.shaded,
     )

@@ -23,7 +23,7 @@ from invrender.estimate.interreflection.correction import Sent
 from invrender.estimate.interreflection.unknown_light import correct_unknown_light
 from invrender.estimate.lamp_distances import distances_in_words
 from invrender.estimate.models import Estimate, Model
-from invrender.estimate.quantities import FittedLighting, Quantity
+from invrender.estimate.quantities import FittedLighting, Quantity, ReferenceScore
 from invrender.estimate.solution import Solution, unless_misfit
 from invrender.estimate.unknown_light import (
     ORDERS,
@@ -166,10 +166,12 @@ def solve_unknown_light(
         )
     warnings += find_warnings(photoset, solution, geometry, {}, causes)
     scores = photo_scores(photoset, solution, fields, residuals)
+    seen_references: tuple[ReferenceScore, ...] = ()
     if references:
         absolute = absolute_blind(blind, references, solution.structured)
         solution = in_absolute_scale(solution, blind, absolute)
         warnings += absolute.scale.remarks
+        seen_references = absolute.scale.scores(absolute.factor)
     return Run(
         photoset,
         geometry,
@@ -182,6 +184,7 @@ def solve_unknown_light(
         pixel_by_pixel(radiance),
         interreflection=None if bounces is None else bounces.found,
         causes=causes,
+        references=seen_references,
     )
 
 

@@ -19,6 +19,7 @@ from capture.progress import Track, counted
 from capture.source_region import source_regions
 from capture.tasks.stage import kept_result, stage_results
 from invrender.estimate.quantities import FittedLighting, Quantity
+from invrender.estimate.reference_scale import check_under
 from invrender.estimate.solution import Solution
 from invrender.estimate.textured.layout import SurfacePoints, scattered
 from invrender.estimate.textured.observe import observe, points_for, squares_seen
@@ -29,6 +30,7 @@ from invrender.estimate.unknown_light import (
     factorize_blind,
     predict_parts,
 )
+from invrender.estimate.unknown_light.absolute_scale import ScaleUnder, scale_under
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import PhotoReader
@@ -42,6 +44,7 @@ from invrender.wording import sentences
 from recon.harmonics.basis import degree_of
 from recon.harmonics.latlong import project_latlong
 from recon.mesh.bodies import Body, MeshBody
+from recon.reference import find_references
 from recon.sampling.draw import NO_SOURCES
 from recon.sampling.lightfield import LightField
 
@@ -72,12 +75,17 @@ def solve_unknown_texture(
 ) -> TexturedRun:
     """Recover Kd and Ks over a mesh, up to a scale per channel, and all of the lightings on it.
 
+    A reference of known reflectance fixes the scale.
+
     Raises ValueError for lightings that are given, and for objects without highlights, whose light nothing determines.
     """
     assert isinstance(geometry.body, MeshBody)
     _check_unknown(photoset)
     orders = orders_of(photoset, ())
     fitted = photoset.fitted
+    with clock.on("recon"):
+        references = find_references(photoset, geometry.body)
+    check_under(references, dict.fromkeys(photo.lighting for photo in fitted))
     names = [photo.lighting for photo in fitted]
     photos = _at_places(photoset, geometry, geometry.body, fitted, min(samples, _SAMPLES), clock, track)
     with clock.on("invrender"):
@@ -90,20 +98,32 @@ def solve_unknown_texture(
 
         made_of = photos, names, orders, regions, geometry.shadows
         blind = kept_result("texture-light", factorized, made_of)
-        if (
-            blind.sigma is None
-            or min(_unsure_light(own).max() for own in blind.lights.values()) > _UNDETERMINED
-        ):
+        unsure = [
+            _unsure_light(own, _ScaleSlopes.of(name, blind.lights, None)).max()
+            for name, own in blind.lights.items()
+        ]
+        if blind.sigma is None or min(unsure) > _UNDETERMINED:
             unknown = " and ".join(f'"{name}"' for name in dict.fromkeys(names))
             raise ValueError(_MATTE.format(where=photoset.manifest, names=unknown))
         lights = _scaled(blind, photos, names, geometry)
+        under = scale_under(lights, references) if references else None
+        if under is not None:
+            lights = {name: light.times(1 / under.factor) for name, light in lights.items()}
     found = [recovered_lighting(name, light) for name, light in lights.items()]
     # What was recovered of a light is now given.
     given = {own.lighting.name: replace(own.lighting, recover_irradiance=False) for own in found}
-    unsure = _unsure(blind, list(lights.values()), found)
-    recovered = Recovered(given, unsure, lambda solution: _in_gauge(solution, blind, found))
+    unsure_at = _unsure(blind, lights, found, under)
+    stated = [
+        recovered_lighting(name, light.with_std(_ScaleSlopes.of(name, lights, under).std_of(light)))
+        for name, light in lights.items()
+    ]
+    recovered = Recovered(given, unsure_at, lambda solution: _in_gauge(solution, blind, stated, under))
     run = solve_textured(photoset, geometry, samples, clock, track, recovered)
-    return replace(run, warnings=(*sentences(blind.warnings), *run.warnings))
+    warnings = (*sentences(blind.warnings), *run.warnings)
+    if under is None:
+        return replace(run, warnings=warnings)
+    scores = under.scale.scores(under.factor)
+    return replace(run, warnings=(*warnings, *under.scale.remarks), references=scores)
 
 
 def _check_unknown(photoset: PhotoSet) -> None:
@@ -187,60 +207,101 @@ def _scaled(
 
 
 def _unsure(
-    blind: BlindSolution, lights: Sequence[BlindLight], found: Sequence[FittedLighting]
+    blind: BlindSolution,
+    lights: Mapping[str, BlindLight],
+    found: Sequence[FittedLighting],
+    under: ScaleUnder | None,
 ) -> Callable[[SurfacePoints], Floats]:
     """Shares by which what was found first leaves Kd and Ks of points uncertain.
 
     Of several lightings the best known counts at each point. The share of Ks that they were found with is Ks itself, in
-    their units.
+    their units. under : the scale by references: what makes light brighter there and elsewhere alike moves neither.
     """
     std = _deviations(blind)
     of_share = np.array([std[f"share {c}"] for c in "rgb"]) / blind.brdf_share
+    scales = {name: _ScaleSlopes.of(name, lights, under) for name in lights}
 
     def at(points: SurfacePoints) -> Floats:
-        pairs = zip(lights, found, strict=True)
-        of_kd = np.min([_unsure_base(light, own, points.normals) for light, own in pairs], axis=0)
-        of_ks = np.hypot(np.min([_unsure_light(light) for light in lights], axis=0), of_share)
+        pairs = [(light, own, scales[name]) for (name, light), own in zip(lights.items(), found, strict=True)]
+        of_kd = np.min([_unsure_base(*pair, points.normals) for pair in pairs], axis=0)
+        of_ks = np.hypot(np.min([_unsure_light(light, own) for light, _, own in pairs], axis=0), of_share)
         return np.hstack([of_kd, np.broadcast_to(of_ks, of_kd.shape)])
 
     return at
 
 
-def _unsure_base(light: BlindLight, found: FittedLighting, normals: Floats) -> Floats:
+@dataclass(frozen=True, eq=False)
+class _ScaleSlopes:
+    """How the scale hangs on a light.
+
+    slopes : (p, 3), of the scale's logarithm by the light's numbers. besides : (3,), squared shares by which what
+    isn't this light leaves the scale uncertain.
+    """
+
+    slopes: Floats
+    besides: Floats
+
+    @staticmethod
+    def of(name: str, lights: Mapping[str, BlindLight], under: ScaleUnder | None) -> _ScaleSlopes:
+        numbers, _ = lights[name].numbers
+        if under is None:
+            return _ScaleSlopes(np.zeros_like(numbers), np.zeros(3))
+        besides = under.scale.own_std**2
+        for other, light in lights.items():
+            if other != name:
+                # Slopes are by the numbers as they were before the scale.
+                besides = besides + (under.slopes[other] ** 2 * (under.factor * light.numbers[1]) ** 2).sum(
+                    axis=0
+                )
+        return _ScaleSlopes(under.slopes[name] * under.factor, besides)
+
+    def std_of(self, light: BlindLight) -> Floats:
+        """Standard deviations (p, 3) of the light's numbers in that scale."""
+        level, std = light.numbers
+        moved = self.slopes * std
+        shared = (moved**2).sum(axis=0) - moved**2 + self.besides
+        return np.sqrt((std - level * moved) ** 2 + level**2 * shared)
+
+
+def _unsure_base(light: BlindLight, found: FittedLighting, scale: _ScaleSlopes, normals: Floats) -> Floats:
     """Standard deviation of the irradiance of normals (n, 3) over itself, (n, 3); without what the mesh hides.
 
     It holds by what the map of the light, which isn't negative, differs from the harmonics that were fitted.
     """
     lighting, l_max = found.lighting, degree_of(len(light.coefficients))
     assert lighting.radiance_map is not None
-    rows = irradiance_operator(normals, l_max)
-    of_lamps = np.clip(normals @ lighting.directions.T, 0, 1)
-    falls = rows @ project_latlong(lighting.radiance_map, l_max) + of_lamps @ lighting.irradiances
-    other = rows @ light.coefficients + of_lamps @ light.sources.irradiances
-    variance = rows**2 @ light.coefficients_std**2 + of_lamps**2 @ light.sources.irradiance_std**2
-    std = np.sqrt(variance + (falls - other) ** 2)
-    return np.asarray(std / np.maximum(falls, _DARK * falls.max(axis=0)))
+    sky, of_lamps = irradiance_operator(normals, l_max), np.clip(normals @ lighting.directions.T, 0, 1)
+    falls = sky @ project_latlong(lighting.radiance_map, l_max) + of_lamps @ lighting.irradiances
+    rows, (numbers, std) = np.hstack([sky, of_lamps]), light.numbers
+    safe = np.maximum(falls, _DARK * falls.max(axis=0))
+    variance = [((rows / safe[:, c, None] - scale.slopes[:, c]) ** 2) @ std[:, c] ** 2 for c in range(3)]
+    apart = (falls - rows @ numbers) / safe
+    return np.sqrt(np.stack(variance, axis=-1) + apart**2 + scale.besides)
 
 
-def _unsure_light(light: BlindLight) -> Floats:
+def _unsure_light(light: BlindLight, scale: _ScaleSlopes) -> Floats:
     """Standard deviation of a light over itself, (3,): RMS over its harmonics and lamps."""
-    std = np.concatenate([light.coefficients_std, light.sources.irradiance_std])
-    level = np.concatenate([light.coefficients, light.sources.irradiances])
+    level, std = light.numbers[0], scale.std_of(light)
     return np.asarray(np.sqrt((std**2).sum(axis=0) / np.maximum((level**2).sum(axis=0), 1e-300)))
 
 
-def _in_gauge(solution: Solution, blind: BlindSolution, lights: Sequence[FittedLighting]) -> Solution:
-    """A solution in recovered light, with what isn't known of that in the error bars of mu and sigma."""
+def _in_gauge(
+    solution: Solution, blind: BlindSolution, lights: Sequence[FittedLighting], under: ScaleUnder | None
+) -> Solution:
+    """A solution in recovered light, with what isn't known of that in the error bars of mu and sigma.
+
+    under : the scale by references; None where nothing fixes it.
+    """
     std = _deviations(blind)
     own = [std.get(name, 0.0) for name in solution.covariance_names]
     quantities = {
         name: _widened(quantity, blind.quantities.get(name), std.get(name, 0.0))
         for name, quantity in solution.quantities.items()
-        if name != "albedo"
+        if name != "albedo" or under is not None
     }
     return replace(
         solution,
-        gauge=_GAUGE,
+        gauge=_GAUGE if under is None else under.scale.in_words,
         quantities=quantities,
         lightings=tuple(lights),
         covariance=solution.covariance + np.diag(np.square(own)),

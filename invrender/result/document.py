@@ -15,7 +15,7 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.named import NamedCause
 from invrender.estimate.evidence import Candidate, PictureError
 from invrender.estimate.interreflection.statement import Interreflection
-from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
+from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity, ReferenceScore
 from invrender.estimate.solution import Solution
 from invrender.estimate.textured.layout import TexelLayout
 from invrender.estimate.textured.textures import (
@@ -101,6 +101,7 @@ def result_document(
             for photo in run.scores
         ],
         "interreflection": None if run.interreflection is None else _bounces(run.interreflection),
+        "references": [_reference(score) for score in run.references],
         "polarisation": None if run.photoset.extinction is None else _filters(run.photoset.extinction),
         "causes": [_cause(cause) for cause in run.causes],
         "identifiability": identifiability(solution),
@@ -110,6 +111,18 @@ def result_document(
         "cameras": cameras_hash(run.photoset),
         "inputs": dict(inputs),
         "software": software(),
+    }
+
+
+def _reference(score: ReferenceScore) -> dict[str, Any]:
+    return {
+        "name": score.name,
+        "photo": score.photo,
+        "lighting": score.lighting,
+        "weight": score.weight,
+        "std_relative": numbers(score.std),
+        "std_relative_by": {cause: numbers(std) for cause, std in score.stds.items()},
+        "predicted_over_shown": numbers(score.over_shown),
     }
 
 

@@ -18,7 +18,7 @@ from capture.radiance import RadianceImage
 from invrender.diagnostics.named import NamedCause
 from invrender.estimate.evidence import PictureError, picture_error
 from invrender.estimate.interreflection.statement import Interreflection
-from invrender.estimate.quantities import PhotoScore
+from invrender.estimate.quantities import PhotoScore, ReferenceScore
 from invrender.estimate.solution import Solution
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.observation.geometry import SceneGeometry
@@ -74,8 +74,8 @@ class Run:
     pixels so many times as large as the photograph's, off by less than shows. interreflection : light that bounces
     between the object's parts; None where there is none that matters. causes : of what the model leaves beyond noise,
     the best supported first; none where nothing stands out. textures : Kd and Ks over the surface, where they vary;
-    those of the solution are then means. seconds : per package, added up over threads, and "total", by the clock on the
-    wall; empty while it runs.
+    those of the solution are then means. references : how well each of known reflectance is explained. seconds : per
+    package, added up over threads, and "total", by the clock on the wall; empty while it runs.
     """
 
     photoset: PhotoSet
@@ -90,6 +90,7 @@ class Run:
     interreflection: Interreflection | None = None
     causes: tuple[NamedCause, ...] = ()
     textures: FittedTextures | None = None
+    references: tuple[ReferenceScore, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
 
     def rms(self, held_out: bool) -> float | None:

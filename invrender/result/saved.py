@@ -31,6 +31,7 @@ _OPTIONAL = (
     "texture",
     "interreflection",
     "polarisation",
+    "references",
     "fit",
     "models",
     "warnings",

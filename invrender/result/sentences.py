@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from capture.polarisation import Extinction
+from invrender.estimate.quantities import ReferenceScore
 from invrender.wording import with_error
 
 
@@ -20,6 +21,19 @@ def filters_in_words(extinction: Extinction) -> str:
         "free": "pass an unknown share of highlights: these photographs show none",
     }[extinction.origin]
     return f"Photographs were taken through polarising filters, of which crossed ones {told}."
+
+
+def reference_in_words(score: ReferenceScore) -> str:
+    """How well a reference says how much light there is, in a sentence."""
+    words = {"reflectance": "its reflectance", "tilt": "its tilt", "evenness": "how evenly it is lit"}
+    told = [f"{words[cause]} {std.mean():.1%}" for cause, std in score.stds.items() if std.mean() >= 5e-4]
+    off = score.over_shown.mean() - 1
+    way = "brighter" if off > 0 else "darker"
+    differs = f"; by the result it would be {abs(off):.1%} {way} than it is" if abs(off) >= 5e-4 else ""
+    return (
+        f"{score.name[0].upper()}{score.name[1:]} says how bright the light is to {score.std.mean():.1%}"
+        f" ({', '.join(told) or 'all that is known of it is exact'}){differs}."
+    )
 
 
 def errors_in_words(fit: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Photo sets with a card or a sphere of known reflectance beside the object, its light summed direction by direction."""
+"""Photo sets with a card or a sphere of known reflectance beside the object, its light summed by direction."""
 
 from __future__ import annotations
 

@@ -51,43 +51,61 @@ def absolute_blind(
     structured : share of the radiance that the fit leaves beyond noise; by so much is irradiance off, too.
     Raises ValueError where a reference is under a light that no fitted photograph is under, or faces away from it.
     """
-    check_under(references, solution.lights)
     lights = solution.lights
-
-    def falls(reference: Reference, normals: Floats) -> Floats:
-        return _rows(lights[reference.lighting], reference, normals) @ _numbers(lights[reference.lighting])
-
-    scale = ReferenceScale.of(references, falls)
-    fallen = np.array([reference.mean(falls(reference, reference.normals)) for reference in references])
-    joint = _JointSlopes.of(solution, references, scale.weights, fallen)
+    under = scale_under(lights, references)
+    scale, factor = under.scale, under.factor
+    joint = _JointSlopes.of(solution, under)
     own = scale.own_std**2 + structured**2
-    factor = scale.factor(fallen)
     covariance = joint.covariance.copy()
     covariance[-3:, -3:] += np.diag(own)
     scaled = {}
     for number, (name, light) in enumerate(lights.items()):
         std = np.sqrt(joint.variances_over(number, light) + own)
-        level = np.abs(_numbers(light))
-        size = len(light.coefficients)
+        level = np.abs(light.numbers[0])
         # What is zero in the fit isn't so for certain.
-        std = np.where(
-            level > 0, std * level, np.vstack([light.coefficients_std, light.sources.irradiance_std])
-        )
-        light = light.times(1 / factor)
-        sources = replace(light.sources, irradiance_std=std[size:] / factor)
-        scaled[name] = replace(light, coefficients_std=std[:size] / factor, sources=sources)
+        std = np.where(level > 0, std * level, light.numbers[1])
+        scaled[name] = light.with_std(std).times(1 / factor)
     return AbsoluteBlind(scale, factor, covariance, np.diag(covariance)[-3:] - own, scaled)
+
+
+@dataclass(frozen=True, eq=False)
+class ScaleUnder:
+    """What references say of the scale of recovered lights.
+
+    scale : the references. factor : (3,), of Kd and Ks. slopes : of its logarithm by the numbers of lights by name,
+    (p, 3): coefficients and then the sources' irradiances.
+    """
+
+    scale: ReferenceScale
+    factor: Floats
+    slopes: Mapping[str, Floats]
+
+
+def scale_under(lights: Mapping[str, BlindLight], references: Sequence[Reference]) -> ScaleUnder:
+    """What references say of the scale of lights by name.
+
+    Raises ValueError where a reference is under another light, or faces away from it.
+    """
+    check_under(references, lights)
+
+    def falls(reference: Reference, normals: Floats) -> Floats:
+        light = lights[reference.lighting]
+        return np.asarray(_rows(light, reference, normals) @ light.numbers[0])
+
+    scale = ReferenceScale.of(references, falls)
+    slopes = {name: np.zeros_like(light.numbers[0]) for name, light in lights.items()}
+    fallen = []
+    for reference, weight in zip(references, scale.weights, strict=True):
+        rows = reference.mean(_rows(lights[reference.lighting], reference, reference.normals))
+        fallen.append(rows @ lights[reference.lighting].numbers[0])
+        slopes[reference.lighting] += weight * rows[:, None] / fallen[-1]
+    return ScaleUnder(scale, scale.factor(np.array(fallen)), slopes)
 
 
 def _of_sources(lighting: Lighting, reference: Reference, normals: Floats) -> Floats:
     """What unit irradiance of each source gives of pixels of a reference, (n, k), with normals (n, 3)."""
     directions, factors = seen_from(lighting.sources, places_of(reference, lighting.sources))
     return np.asarray(np.clip(cosines(normals, directions), 0, 1) * factors)
-
-
-def _numbers(light: BlindLight) -> Floats:
-    """Coefficients and then the sources' irradiances, (p, 3)."""
-    return np.vstack([light.coefficients, light.sources.irradiances])
 
 
 def _rows(light: BlindLight, reference: Reference, normals: Floats) -> Floats:
@@ -111,24 +129,21 @@ class _JointSlopes:
     excess: Mapping[int, Floats]
 
     @staticmethod
-    def of(
-        solution: BlindSolution, references: Sequence[Reference], weights: Floats, fallen: Floats
-    ) -> _JointSlopes:
+    def of(solution: BlindSolution, under: ScaleUnder) -> _JointSlopes:
         certainty, names = solution.certainty, list(solution.lights)
-        by_light = {number: np.zeros(own.shape[:2]) for number, own in certainty.leverage.items()}
+        by_light = {names.index(name): slopes.T for name, slopes in under.slopes.items()}
         direct = np.zeros((3, len(solution.covariance_names)))
-        for reference, weight, total in zip(references, weights, fallen, strict=True):
-            number, light = names.index(reference.lighting), solution.lights[reference.lighting]
+        for reference, weight in zip(under.scale.references, under.scale.weights, strict=True):
+            light = solution.lights[reference.lighting]
             rows = reference.mean(_rows(light, reference, reference.normals))
-            by_light[number] += weight * rows / total[:, None]
-            for place, slope in _source_slopes(solution, number, light, reference):
-                direct[:, place] += weight * slope / total
+            for place, slope in _source_slopes(solution, names.index(reference.lighting), light, reference):
+                direct[:, place] += weight * slope / (rows @ light.numbers[0])
         together = direct - sum(
             np.einsum("cpt,cp->ct", certainty.leverage[number], own) for number, own in by_light.items()
         )
         excess = {}
         for number, light in enumerate(solution.lights.values()):
-            std = np.vstack([light.coefficients_std, light.sources.irradiance_std])
+            std = light.numbers[1]
             excess[number] = np.maximum(std**2 - _variances(solution, number), 0)
         return _JointSlopes(solution, by_light, np.asarray(together), excess)
 
@@ -150,9 +165,9 @@ class _JointSlopes:
         """Squared shares (p, 3) by which a light's numbers over the irradiance on the references are uncertain."""
         certainty, shared = self.solution.certainty, self.solution.covariance
         among = np.diag(self.covariance)[-3:]
-        found = np.zeros((len(_numbers(light)), 3))
+        found = np.zeros((len(light.numbers[0]), 3))
         for c in range(3):
-            level = _numbers(light)[:, c]
+            level = light.numbers[0][:, c]
             across = -certainty.leverage[number][c] @ shared @ self.together[c]
             across += certainty.alone[number][c] @ self.by_light[number][c]
             across += self.excess[number][:, c] * self.by_light[number][c]

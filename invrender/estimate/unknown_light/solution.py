@@ -97,6 +97,21 @@ class BlindLight:
             total = total + project_sources(sources.directions, sources.irradiances, l_max)
         return np.asarray(total / total[0])
 
+    @property
+    def numbers(self) -> tuple[Floats, Floats]:
+        """Coefficients and then the sources' irradiances, (p, 3), and their standard deviations."""
+        sources = self.sources
+        return (
+            np.vstack([self.coefficients, sources.irradiances]),
+            np.vstack([self.coefficients_std, sources.irradiance_std]),
+        )
+
+    def with_std(self, std: Floats) -> BlindLight:
+        """The same light with other standard deviations (p, 3) of its `numbers`."""
+        size = len(self.coefficients)
+        sources = replace(self.sources, irradiance_std=std[size:])
+        return replace(self, coefficients_std=std[:size], sources=sources)
+
     def times(self, scale: Floats) -> BlindLight:
         """The same light, brighter by factors (3,)."""
         sources = replace(

@@ -25,7 +25,7 @@ from invrender.output.report.pictures import (
 )
 from invrender.result.document import identifiability
 from invrender.result.run import Run
-from invrender.result.sentences import errors_in_words, filters_in_words
+from invrender.result.sentences import errors_in_words, filters_in_words, reference_in_words
 from invrender.wording import with_error
 
 # Of photographs without pictures, so many are listed with their errors, the worst.
@@ -90,6 +90,7 @@ def write_report(
         document=document,
         misfits=solution.misfits,
         filters=None if run.photoset.extinction is None else filters_in_words(run.photoset.extinction),
+        references=[reference_in_words(score) for score in run.references],
         interreflection=run.interreflection,
         model=solution.model.estimate.model,
         form=solution.brdf.form.description,

@@ -27,7 +27,7 @@ from invrender.process.pipeline import DEFAULT_SAMPLES, process
 from invrender.process.texture_passes import PIXELS_STAGE, TILES_STAGE
 from invrender.result.document import identifiability, own_numbers
 from invrender.result.run import Run
-from invrender.result.sentences import errors_in_words, filters_in_words
+from invrender.result.sentences import errors_in_words, filters_in_words, reference_in_words
 from invrender.transport.columns import COLUMNS_STAGE
 from invrender.wording import PARAMETER_LABELS, parameter_lines
 
@@ -128,6 +128,8 @@ def _print_summary(run: Run) -> None:
             f" {textures.share_known:.0%} of it that the photographs determine; the maps lie beside the report."
         )
     console.print(f"Scale: {solution.gauge}.")
+    for score in run.references:
+        console.print(reference_in_words(score))
     console.print(_ladder(solution))
     if run.photoset.extinction is not None:
         console.print(filters_in_words(run.photoset.extinction))

@@ -8,10 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.estimate.explanation import Explanation
+from capture.lighting import Lighting
+from capture.photoset import PhotoSet
+from invrender.estimate.quantities import ReferenceScore
 from invrender.estimate.reference_scale import ReferenceGauge, ReferenceScale, check_under, places_of
-from invrender.transport.transfer import LightElement, diffuse_transfer
-from recon.reference import Reference
+from invrender.transport.transfer import LightElement, diffuse_transfer, light_elements
+from recon.mesh.bodies import Body
+from recon.reference import Reference, find_references
 
 Floats = NDArray[np.float64]
 Elements = Mapping[str, Sequence[LightElement]]
@@ -25,23 +28,25 @@ class KnownScale:
     """The scale of a set under lightings of which something is known.
 
     gauge : that references fix; None where none are there, or light is given. factor : (3,), of Kd and Ks by it.
-    remarks : sentences.
+    scores : of each reference. remarks : sentences.
     """
 
     gauge: ReferenceGauge | None
     factor: Floats
+    scores: tuple[ReferenceScore, ...]
     remarks: tuple[str, ...]
 
 
-def known_scale(references: Sequence[Reference], known: Explanation, elements: Elements) -> KnownScale:
-    """What references say of the scale of an explanation; elements : of lightings by name.
+def known_scale(
+    references: Sequence[Reference], strengths: Mapping[str, Floats], elements: Elements
+) -> KnownScale:
+    """What references say of the scale of a fit; strengths, elements : of lightings by name, (e, 3) for e elements.
 
     Where light is given the references are witnesses: a sentence says so if they contradict it. Raises ValueError for a
     reference on which no light falls, or under a lighting of no fitted photograph.
     """
     if not references:
-        return KnownScale(None, np.ones(3), ())
-    strengths = known.best.estimate.strengths
+        return KnownScale(None, np.ones(3), (), ())
     check_under(references, strengths)
 
     def per_strength(reference: Reference, normals: Floats) -> list[Floats]:
@@ -56,7 +61,8 @@ def known_scale(references: Sequence[Reference], known: Explanation, elements: E
     fallen = np.array([reference.mean(falls(reference, reference.normals)) for reference in references])
     factor = scale.factor(fallen)
     if any(element.name == "known" for name in strengths for element in elements[name]):
-        return KnownScale(None, np.ones(3), (*scale.remarks, *_contradiction(scale, factor)))
+        remarks = (*scale.remarks, *_contradiction(scale, factor))
+        return KnownScale(None, np.ones(3), scale.scores(np.ones(3)), remarks)
 
     def reached(reference: Reference) -> dict[str, Floats]:
         parts = per_strength(reference, reference.normals)
@@ -65,7 +71,16 @@ def known_scale(references: Sequence[Reference], known: Explanation, elements: E
             for element, part in zip(elements[reference.lighting], parts, strict=True)
         }
 
-    return KnownScale(scale.gauge(reached), factor, scale.remarks)
+    return KnownScale(scale.gauge(reached), factor, scale.scores(factor), scale.remarks)
+
+
+def given_scale(
+    photoset: PhotoSet, lightings: Mapping[str, Lighting], body: Body | None = None
+) -> KnownScale:
+    """What references of a set say of given lightings, by name; body : the object, if it is known."""
+    elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
+    ones = {name: np.ones((len(own), 3)) for name, own in elements.items()}
+    return known_scale(find_references(photoset, body), ones, elements)
 
 
 def _at(element: LightElement, reference: Reference) -> LightElement:
@@ -78,9 +93,8 @@ def _contradiction(scale: ReferenceScale, factor: Floats) -> list[str]:
     if not ((off > _APART * scale.own_std) & (off > _NOTABLE)).any():
         return []
     shown = ", ".join(f"{1 / of - 1:+.0%}" for of in factor)
-    names = " and ".join(dict.fromkeys(reference.name for reference in scale.references))
     return [
-        f"By {names} other light falls than is given: {shown} of it (red, green, blue), more than the reference's own"
-        f" {scale.own_std.mean():.0%}. The given light was kept. Check the exposures, the light's unit, and whether"
+        f"By {scale.named} other light falls than is given: {shown} of it (red, green, blue), more than the reference's"
+        f" own {scale.own_std.mean():.0%}. The given light was kept. Check the exposures, the light's unit, and whether"
         " something shades the reference or it glints."
     ]
