@@ -13,6 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from skimage.draw import polygon
 
 from capture.chart.chart import read_chart
 from capture.chart.chartsearch import FoundChart, find_chart
@@ -168,7 +169,7 @@ def _within(corners: Floats, size: tuple[int, ...]) -> NDArray[np.bool_]:
         )
     mask = np.zeros((height, width), np.uint8)
     # The centre of the first pixel is (0.5, 0.5).
-    cv2.fillPoly(mask, [np.round(corners - 0.5).astype(np.int32)], 1)
+    mask[polygon(corners[:, 1] - 0.5, corners[:, 0] - 0.5, (height, width))] = 1
     return np.asarray(cv2.erode(mask, np.ones((3, 3), np.uint8), borderValue=0) > 0)
 
 

@@ -65,13 +65,15 @@ class ReferenceScale:
         apart = (log - mean) ** 2 / variance
         if len(references) > 1:
             own = own * np.maximum(1, apart.sum(axis=0) / (len(references) - 1))
-        remarks = [
-            f"The references differ: by {reference.name} everything would be {np.exp(of - mean).mean() - 1:+.0%} as"
-            f" bright, {np.sqrt(far.max()):.0f} deviations from the others. See which lies in a shadow, glints, or has"
-            " another reflectance than is given."
-            for reference, of, far in zip(references, log, apart, strict=True)
-            if far.max() > _APART**2 and len(references) > 1
-        ]
+        far = apart.max(axis=1)
+        remarks = []
+        if len(references) > 1 and far.max() > _APART**2:
+            k = int(far.argmax())
+            remarks.append(
+                f"The references differ: by {references[k].name} Kd would be {np.exp(log[k] - mean).mean() - 1:+.0%},"
+                f" {np.sqrt(far[k]):.0f} deviations from the mean of all. See which of them is shaded, glints, or"
+                " reflects something else than is given."
+            )
         return ReferenceScale(
             tuple(references), np.exp(log), tuple(stds), weights, np.sqrt(own), tuple(remarks)
         )

@@ -15,6 +15,7 @@ from capture.lighting import Lighting, latlong_directions, latlong_solid_angles,
 from capture.photo import Photo
 from capture.photoset import load_photoset
 from recon.lighting import read_lighting
+from recon.sampling.find import find_body
 from recon.sphere.sphere import Sphere
 
 Floats = NDArray[np.float64]
@@ -109,7 +110,7 @@ def _photo(folder: Path, number: int) -> tuple[Photo, Lighting]:
     photoset = load_photoset(folder)
     photo = photoset.photos[number]
     table = next(table for table in photoset.lightings if table.name == photo.lighting)
-    return photo, read_lighting(photoset, table)
+    return photo, read_lighting(photoset, table, find_body(photoset).body)
 
 
 def _paint(photo: Photo, mask: NDArray[np.bool_], radiance: Floats, noise: float) -> None:
