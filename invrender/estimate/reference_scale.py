@@ -22,6 +22,8 @@ Falls = Callable[[Reference, Floats], Floats]
 
 # Turn of a normal, radians, that shows what its deviation does.
 _TURN = 1e-3
+# Share by which none is known better.
+_EXACT = 1e-6
 # References that are further apart than so many deviations are named.
 _APART = 3.0
 # Least irradiance of a reference, over what its photograph's light sends head-on, in which its angle can be trusted.
@@ -56,7 +58,8 @@ class ReferenceScale:
             _check_lit(reference, fallen, falls)
             stds.append(_deviations(reference, fallen, falls))
             logs.append(np.log(fallen / (np.pi * reference.mean(reference.white))))
-        variance = np.array([sum(own**2 for own in of.values()) for of in stds])
+        # What is exact in each way has a weight still.
+        variance = np.array([_EXACT**2 + sum(own**2 for own in of.values()) for of in stds])
         log = np.array(logs)
         weights = 1 / variance.mean(axis=1)
         weights /= weights.sum()

@@ -237,6 +237,7 @@ class _Result(LenientTable):
     texture: _Texture | None = None
     lighting: tuple[SavedLighting, ...]
     interreflection: _Bounces | None = None
+    references: tuple[Any, ...] = ()
     fit: SavedErrors = SavedErrors()
     photos: tuple[SavedPhoto, ...]
     models: tuple[SavedModel, ...] = ()
@@ -268,11 +269,12 @@ class SavedResult:
     def bounces(self) -> bool:
         """Whether light that parts of an object send each other adds to what Kd and Ks predict.
 
-        Not where the albedo is undetermined, nor where photographs spoke against taking it off: they hold it.
+        Not where the albedo was undetermined while it was fitted, as it is where references fix it afterwards, nor
+        where photographs spoke against taking it off: they hold it.
         """
         found = self.content.interreflection
         if found is None:
-            return self.is_absolute
+            return self.is_absolute and not self.content.references
         return found.taken_off and (self.is_absolute or found.albedo is not None)
 
     @property

@@ -14,11 +14,18 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from capture.photoset import load_photoset
+from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.reference_scale import ReferenceScale
+from invrender.estimate.unknown_light import factorize_blind
+from invrender.estimate.unknown_light.absolute_scale import absolute_blind
 from invrender.process.pipeline import process
 from invrender.result.document import result_document
 from invrender.result.run import Run
 from invrender.result.sentences import reference_in_words
+from invrender.transport.predict import predict
+from invrender.transport.transfer import light_elements
 from recon.mesh.trianglemesh import write_mesh
+from recon.reference import Reference
 from synthetic.materials.texture import Textured
 from synthetic.scenes.build import read_staging
 from synthetic.writer import write_photoset
@@ -49,6 +56,74 @@ def copied(staged: Callable[[str], Path], tmp_path: Path) -> Callable[..., Path]
         return Path(shutil.copytree(staged(name), tmp_path / "set", dirs_exist_ok=True))
 
     return copy
+
+
+def card(
+    normal: Floats, white: float = 1.0, reflectance_std: float = 0.0, normal_std: float = 0.0
+) -> Reference:
+    """A card of nine even parts that a photograph "a" shows under the light "room"."""
+    return Reference(
+        "photoset.toml: [[reference]] 1",
+        "the card in a",
+        "a",
+        "room",
+        np.tile(normal, (9, 1)),
+        None,
+        np.full((9, 3), white),
+        np.arange(9),
+        reflectance_std,
+        normal_std,
+    )
+
+
+def test_a_scale_is_the_light_over_what_shows_and_a_tilt_moves_it_by_its_tangent() -> None:
+    tilt, std = np.radians(40), np.radians(2)
+    normal = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
+
+    def falls(reference: Reference, normals: Floats) -> Floats:
+        return 3.0 * np.clip(normals @ [0.0, 0.0, 1.0], 0, None)[:, None] * np.ones(3)
+
+    scale = ReferenceScale.of([card(normal, 0.5, 0.02, std)], falls)
+    assert_allclose(scale.factors, 3 * np.cos(tilt) / (np.pi * 0.5))
+    # The irradiance goes as cos; a turn about the other axis moves it by the second order only.
+    assert_allclose(scale.own_std, np.hypot(0.02, std * np.tan(tilt)), rtol=1e-3)
+    # Two that agree: half of the variance; weights go by what each is off by itself.
+    both = ReferenceScale.of([card(normal, 0.5, 0.02, std), card(normal, 0.5, 0.04)], falls)
+    first = 0.02**2 + (std * np.tan(tilt)) ** 2
+    assert_allclose(both.weights, np.array([1 / first, 1 / 0.04**2]) / (1 / first + 1 / 0.04**2), rtol=1e-3)
+    assert_allclose(both.own_std, 1 / np.sqrt(1 / first + 1 / 0.04**2), rtol=1e-3)
+    assert both.remarks == ()
+    with pytest.raises(ValueError, match="next to no light falls on it"):
+        ReferenceScale.of([card(np.array([1.0, 0.0, -0.01]))], falls)
+
+
+@pytest.mark.sweep
+def test_bars_of_products_are_how_far_draws_of_noise_scatter(bench) -> None:
+    lighting = bench.known_lighting()
+    rng = np.random.default_rng(3)
+    elements, brdf = light_elements(lighting), Microfacet(KD, KS, 1.6, 0.2)
+    photos = [bench.sphere_field(angle, sources=lighting.directions) for angle in (-40.0, 0.0, 40.0)]
+    shown = [predict(brdf, elements, np.ones((len(elements), 3)), photo) for photo in photos]
+    logs, stated, apart = [], [], []
+    for _ in range(12):
+        noisy = [
+            replace(
+                photo, radiance=own * (1 + 0.05 * rng.standard_normal(own.shape)), variance=(0.05 * own) ** 2
+            )
+            for photo, own in zip(photos, shown, strict=True)
+        ]
+        blind = factorize_blind(noisy, ["room"] * 3)
+        found = absolute_blind(blind, [card(lighting.directions[0])])
+        slopes = np.diag(-1 / (1 - blind.brdf_share))
+        by = np.hstack([slopes, np.zeros((3, len(blind.covariance_names) - 3)), np.eye(3)])
+        logs.append(np.log((1 - blind.brdf_share) * found.factor))
+        stated.append(np.diag(by @ found.covariance @ by.T))
+        apart.append(np.log(1 - blind.brdf_share))
+    scatter, shares = np.std(logs, axis=0, ddof=1), np.std(apart, axis=0, ddof=1)
+    # 36 numbers tell a deviation to 12%; three channels' means are compared.
+    assert 0.6 < scatter.mean() / np.sqrt(np.mean(stated)) < 1.3
+    # Errors of light and of Kd cancel: neither is known as well alone.
+    assert (scatter < 0.8 * shares).all()
 
 
 def check_absolute(run: Run, ks: bool = True) -> None:

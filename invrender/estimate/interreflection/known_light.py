@@ -117,9 +117,9 @@ def unknown_scale(parts: ConcaveMesh, known: Explanation, elements: Elements) ->
     if relative < MATTERS:
         return []
     return [
-        "Light that bounces between the object's parts isn't taken off: no light of known strength fixes the albedo. At"
-        f" an albedo of {SUPPOSED} it would be {relative:.1%} of the radiance (RMS), and Kd too high by about as much"
-        " where it is even; the irradiance of one source would settle it."
+        "Light that bounces between the object's parts isn't taken off: no light of known strength fixes the albedo"
+        f" while it is fitted. At an albedo of {SUPPOSED} it would be {relative:.1%} of the radiance (RMS), and Kd too"
+        " high by about as much where it is even; the irradiance of one source would settle it."
     ]
 
 
