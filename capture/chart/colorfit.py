@@ -24,9 +24,9 @@ _DARK, _LIGHTNESS = 0.01, 2 / 3
 _MOST_CERTAIN, _ROUNDS = 8.0, 4
 # Exponents that the search begins at, of a linear camera and of an sRGB file; camera numbers that count as black.
 _EXPONENTS, _BLACK = (1.0, 2.2), 1e-6
-# Numbers of a photograph: light of second degree over the chart, how its colour changes across (red and blue beside
-# green, to the right and to the bottom), and glare.
-_LIGHT, _TINT, _GLARE = 6, 4, 3
+# Numbers of a photograph: light over the chart, of second degree and r^4 as lenses fall off; how its colour changes
+# across (red and blue beside green, to the right and to the bottom); glare.
+_LIGHT, _TINT, _GLARE = 7, 4, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class ColorFit:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What the fit is given: rgb (photos, n, 3), places' powers (photos, n, 6), reference (n, 3), weights (n,)."""
+    """What the fit is given: rgb (photos, n, 3), places' powers (photos, n, 7), reference (n, 3), weights (n,)."""
 
     rgb: Floats
     places: Floats
@@ -73,7 +73,7 @@ class _Seen:
     weight: Floats
 
     def parts(self, numbers: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Matrix (3, 3), and of each photograph light (photos, 6), its tint (photos, 2, 2), and glare (photos, 3).
+        """Matrix (3, 3), and of each photograph light (photos, 7), its tint (photos, 2, 2), and glare (photos, 3).
 
         The first photograph's level is in the matrix.
         """
@@ -98,8 +98,8 @@ def fit_color(chart: Chart, photos: Sequence[SeenPatches]) -> ColorFit:
     """The matrix by which photographs of a chart show its colours best.
 
     Of patch i in photograph p, s_p(x_i) M D_p(x_i) c_pi - g_p = t_i, with camera RGB c, the reference t, glare g, s of
-    second degree in places x, as lamps and lenses fall off, and D diagonal, as lamps of two colours light it.
-    Differences count as by lightness, t^(-2/3), and greys by how much less they scatter: their spectra are flat, so
+    second degree in places x as lamps fall off, with r^4 as lenses do, and D diagonal, as lamps of two colours light
+    it. Differences count as by lightness, t^(-2/3), and greys by how much less they scatter: their spectra are flat, so
     that all cameras see them alike. All is solved for together.
     """
     reference = chart.srgb
@@ -176,9 +176,9 @@ def _across(centres: Floats) -> Floats:
 
 
 def _powers(places: Floats) -> Floats:
-    """1, x, y, x^2, x y, y^2 of places (n, 2)."""
+    """1, x, y, x^2, x y, y^2, r^4 of places (n, 2)."""
     x, y = places.T
-    return np.stack([np.ones(len(x)), x, y, x * x, x * y, y * y], axis=1)
+    return np.stack([np.ones(len(x)), x, y, x * x, x * y, y * y, (x * x + y * y) ** 2], axis=1)
 
 
 def _keeping_green(matrix: Floats) -> tuple[Floats, Floats]:

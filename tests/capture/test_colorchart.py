@@ -138,7 +138,9 @@ def test_bad_references_are_named(tmp_path: Path, content: str, message: str) ->
 
 def test_a_real_chart(lightfactor: Command, data_dir: Path, tmp_path: Path) -> None:
     out = tmp_path / "color.json"
-    code, told, err = lightfactor("calibrate", "color", data_dir / "raw" / "CRW_0101.CRW", "-o", out)
+    # Of the two vintages the older one fits its colours better.
+    shot = data_dir / "raw" / "CRW_0101.CRW"
+    code, told, err = lightfactor("calibrate", "color", shot, "--chart", "MCC24-2005", "-o", out)
     assert (code, err) == (0, "")
     assert "light varies by 2" in told
     document = json.loads(out.read_text())
@@ -148,7 +150,7 @@ def test_a_real_chart(lightfactor: Command, data_dir: Path, tmp_path: Path) -> N
     # Within 1% of white.
     shown, reference = (np.array([grey[key] for grey in greys]) for key in ("corrected", "reference"))
     assert_allclose(shown @ [0.2126, 0.7152, 0.0722], reference @ [0.2126, 0.7152, 0.0722], atol=0.005)
-    assert_allclose(shown, reference, atol=0.011)
+    assert_allclose(shown, reference, atol=0.01)
     # Cameras see some colours otherwise than people: matrices of compact cameras leave 2 in the mean.
     assert document["delta_e_2000"]["mean"] < 2.5
     assert (tmp_path / "color-figure.png").is_file()
