@@ -129,17 +129,20 @@ def _spread(
     some: NDArray[np.int64],
     track: Track,
 ) -> Floats:
-    """By how much other forms turn the normals of pixels, or of one nearby, radians (p,): RMS over the forms."""
+    """By how much other forms turn the normals of pixels, or of one nearby, radians (p,): the one that turns it most.
+
+    Some of them are nearly the same, so that a mean over forms says less than any of them.
+    """
     if not others:
         return np.zeros(len(surface))
     places = np.argwhere(inside)
     few = np.flatnonzero((places % _SPREAD_STEP == 0).all(axis=1))
     few = few if len(few) else np.arange(len(places))
-    squares = np.zeros(len(few))
+    farthest = np.zeros(len(few))
     for model in track(others, "Comparing with other lobes"):
         first = replace(model.reflection, bounce=0.0 if stack.bounced is None else 1.0)
         reflection, _ = fit_renewed(first, surface.at(some), stack.at(some), floor, True)
         solved = solve_pixels(reflection, surface.at(few), stack.at(few), floor, _FEW_STEPS)
-        squares += angles(solved.normals, surface.normals[few]) ** 2 / len(others)
+        farthest = np.maximum(farthest, angles(solved.normals, surface.normals[few]))
     nearest = cKDTree(places[few]).query(places)[1]
-    return np.asarray(np.sqrt(squares)[nearest])
+    return np.asarray(farthest[nearest])

@@ -106,7 +106,7 @@ def test_a_rendered_glossy_sphere_is_found_within_its_error_bars(glossy: Path) -
     least = angles_to(result.solved.least, rendered_normals(glossy)[result.capture.inside])
     # Pixels are 1.3 degrees wide in the middle; 1% of noise alone would be 0.2 degrees.
     assert errors.mean() < 0.5 < 2 < least.mean()
-    assert (errors < 2 * bars).mean() > 0.85
+    assert (errors < 2 * bars).mean() > 0.95
     assert 0.5 < np.sqrt((errors**2).mean() / (bars**2).mean()) < 1.6
     # The renderer's own numbers: ks is 0.04, alpha 0.15.
     assert result.solved.reflection.form is not None
@@ -141,7 +141,7 @@ def test_near_lamps_are_taken_where_they_are(tmp_path: Path) -> None:
     result = photometric_stereo(load_photoset(folder))
     errors, bars = of_pixels(result, truth)
     assert errors.mean() < 1
-    assert (errors < 2 * bars).mean() > 0.8
+    assert (errors < 2 * bars).mean() > 0.88
     # The same lamps, taken for distant: light from 9 degrees beside where it comes from at the outline.
     capture = result.capture
     far = [replace(lighting, closeness=None) for lighting in capture.lightings]
@@ -165,7 +165,7 @@ def test_real_normals_are_found_where_least_squares_fails(
     errors, bars = of_pixels(result, truth)
     assert errors.mean() < ours
     assert angles_to(result.solved.least, truth[capture.inside]).mean() > least
-    assert (errors < 2 * bars).mean() > 0.8
+    assert (errors < 2 * bars).mean() > 0.88
     # The ball is convex; what bounces in the cat's creases is found as such.
     assert (result.solved.stack.bounced is not None) == (name == "normals_cat")
 
