@@ -108,7 +108,9 @@ def _table_name(data: dict[str, Any], loc: tuple[Any, ...]) -> str:
         return "the top level"
     if len(loc) >= 2 and isinstance(loc[1], int):
         entry = data[loc[0]][loc[1]]
-        label = entry.get("file", entry.get("name", "")) if isinstance(entry, dict) else ""
+        label = (
+            entry.get("file", entry.get("name", entry.get("photo", ""))) if isinstance(entry, dict) else ""
+        )
         inner = f" {_dotted(loc[2:])}" if len(loc) > 2 else ""
         return f'[[{loc[0]}]] {loc[1] + 1} ("{label}"){inner}'
     return f"[{_dotted(loc)}]"
