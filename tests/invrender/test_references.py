@@ -24,17 +24,17 @@ from invrender.result.run import Run
 from invrender.result.sentences import reference_in_words
 from invrender.transport.predict import predict
 from invrender.transport.transfer import light_elements
-from recon.mesh.trianglemesh import write_mesh
 from recon.reference import Reference
-from synthetic.materials.texture import Textured
 from synthetic.scenes.build import read_staging
 from synthetic.writer import write_photoset
 from tests.invrender.faultysets import GLOSSY, MATTE, change_manifest, write_set
 from tests.invrender.referencesets import add_card, add_sphere, forget_light, forget_strength
-from tests.invrender.test_textured_bounces import cup_mesh
+from tests.invrender.test_unknown_texture import BALL, write_ball_set
 
 Floats = NDArray[np.float64]
 
+# Of a ball of one paint.
+PAINT = 0.1
 KD, KS = np.array([0.2, 0.16, 0.12]), np.full(3, 0.04)
 # Beside the sphere, 12 mm wide.
 BESIDE, FACING = (0.0, 0.0288, 0.0), (1.0, 0.3, 0.4)
@@ -328,13 +328,11 @@ def test_paint_in_unknown_light_is_absolute_by_a_card(
 ) -> None:
     # Forms of the lobe are told apart elsewhere; here each costs seconds.
     monkeypatch.setattr("invrender.estimate.textured.fit.OTHER_FORMS", ())
-    folder = painted_ball(tmp_path)
+    scene = BALL.replace("width = 56", "width = 100")
+    folder = write_ball_set(tmp_path, scene, np.full((4, 4, 3), PAINT))
     camera = load_photoset(folder).photos[1].camera.camera_to_world
     add_card(folder, 1, 0.042 * camera[:3, 0], -camera[:3, 2], (0.014, 0.014))
-    path = folder / "photoset.toml"
-    light = "unknown = true\ndark = true"
-    path.write_text(re.sub(r"directional = .*", light, path.read_text()))
-    run = process(load_photoset(folder), samples=1000)
+    run = process(load_photoset(forget_light(folder)), samples=1000)
     assert run.textures is not None
     assert run.solution.is_absolute
     truth = PAINT * np.ones(3)
@@ -347,33 +345,3 @@ def test_paint_in_unknown_light_is_absolute_by_a_card(
     lamp = run.solution.lightings[0]
     assert (np.abs(lamp.lighting.irradiances[0] - [1.2, 1.1, 1.0]) < 3 * lamp.irradiance_std[0]).all()
     assert (lamp.irradiance_std < 0.05).all()
-
-
-PAINT = 0.1
-BALL = """
-format = 1
-name = "painted ball"
-object = { shape = "mesh", mesh = "ball.obj" }
-material = { model = "microfacet", kd = 0.1, ks = 0.06, mu = 1.7, sigma = 0.2 }
-camera = { width = 100, height = 52, focal_px = 430 }
-render = { directions = 64, per_side = 2 }
-
-[[lighting]]
-name = "lab"
-directional = [{ azimuth_deg = -30, elevation_deg = 30, irradiance = [1.2, 1.1, 1.0] }]
-
-[gantry]
-start_deg = -75
-step_deg = 30
-photos = 6
-lighting = "lab"
-"""
-
-
-def painted_ball(folder: Path) -> Path:
-    write_mesh(folder / "ball.obj", cup_mesh(dent=0))
-    (folder / "ball.toml").write_text(BALL)
-    staging = read_staging(folder / "ball.toml")
-    painted = Textured(staging.scene.material, np.full((4, 4, 3), PAINT), np.full((1, 1, 3), 0.06))
-    write_photoset(replace(staging, scene=replace(staging.scene, material=painted)), folder / "set")
-    return folder / "set"

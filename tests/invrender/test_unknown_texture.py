@@ -178,18 +178,23 @@ lighting = "lab"
 PAINT = 0.4 * paint()
 
 
+def write_ball_set(folder: Path, scene: str, kd: np.ndarray) -> Path:
+    """A set of a scene's ball whose Kd is (h, w, 3) over u and v; its light is given."""
+    write_mesh(folder / "ball.obj", cup_mesh(dent=0))
+    (folder / "ball.toml").write_text(scene)
+    staging = read_staging(folder / "ball.toml")
+    painted = Textured(staging.scene.material, kd, np.full((1, 1, 3), 0.06))
+    write_photoset(replace(staging, scene=replace(staging.scene, material=painted)), folder / "set")
+    return folder / "set"
+
+
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A glossy ball whose paint is of many pixels' width, under one lamp in the dark that its set doesn't give."""
-    folder = tmp_path_factory.mktemp("ball")
-    write_mesh(folder / "ball.obj", cup_mesh(dent=0))
-    (folder / "ball.toml").write_text(BALL)
-    staging = read_staging(folder / "ball.toml")
-    painted = Textured(staging.scene.material, PAINT, np.full((1, 1, 3), 0.06))
-    write_photoset(replace(staging, scene=replace(staging.scene, material=painted)), folder / "set")
-    path = in_unknown_light(folder / "set") / "photoset.toml"
+    folder = in_unknown_light(write_ball_set(tmp_path_factory.mktemp("ball"), BALL, PAINT))
+    path = folder / "photoset.toml"
     path.write_text(path.read_text().replace("unknown = true", "unknown = true\ndark = true"))
-    return folder / "set"
+    return folder
 
 
 def test_a_balls_paint_and_the_lamp_on_it_are_recovered_together(
