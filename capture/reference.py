@@ -9,19 +9,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from skimage.draw import polygon
 
-from capture.chart.chart import read_chart
-from capture.chart.chartsearch import FoundChart, find_chart
 from capture.decode import decode_photo
 from capture.manifest import Manifest, ReferenceTable, resolve
 from capture.photo import Photo
 from capture.radiance import RadianceImage
 from capture.radiometry import Radiometry
+
+if TYPE_CHECKING:
+    from capture.chart.chartsearch import FoundChart
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -167,6 +168,8 @@ def _within(corners: Floats, size: tuple[int, ...]) -> NDArray[np.bool_]:
             f"region has a corner at {outside.tolist()}, outside the picture of {width}x{height} pixels; corners are"
             " [x, y] from its upper left"
         )
+    from skimage.draw import polygon
+
     mask = np.zeros((height, width), np.uint8)
     # The centre of the first pixel is (0.5, 0.5).
     mask[polygon(corners[:, 1] - 0.5, corners[:, 0] - 0.5, (height, width))] = 1
@@ -195,6 +198,10 @@ def _grey_patches(
     manifest_path: Path, named: str, image: RadianceImage
 ) -> tuple[FoundChart, list[NDArray[np.bool_]], list[Floats]]:
     """A chart in a photograph, and pixels and reflectances of its grey patches that aren't dark or saturated."""
+    # Whoever opens a set loads this module, few of them a chart.
+    from capture.chart.chart import read_chart
+    from capture.chart.chartsearch import find_chart
+
     chart = read_chart(str(resolve(manifest_path, named)) if named.lower().endswith(".csv") else named)
     found = find_chart(image.radiance, chart)
     quads = found.patches()

@@ -162,6 +162,7 @@ def test_lamps_of_unknown_strength_are_told_by_a_reference(copied: Callable[...,
     check_absolute(process(load_photoset(forget_strength(folder))))
 
 
+@pytest.mark.slow
 def test_pictures_stay_as_they_are_in_another_scale(copied: Callable[..., Path]) -> None:
     free = process(load_photoset(forget_strength(copied())))
     folder = copied()
@@ -212,7 +213,7 @@ def test_cards_that_disagree_are_told_and_widen_the_bars(copied: Callable[..., P
     assert run.solution.gauge.startswith("absolute: the mean of 2 references")
 
 
-@pytest.mark.parametrize("scale", [1.0, 0.8])
+@pytest.mark.parametrize("scale", [pytest.param(1.0, marks=pytest.mark.slow), 0.8])
 def test_where_light_is_given_a_card_is_its_witness(copied: Callable[..., Path], scale: float) -> None:
     folder = add_card(copied(), 2, BESIDE, FACING, reflectance=0.4 * scale)
     change_manifest(folder, r"reflectance = 0\.4|reflectance = 0\.32\d*", lambda _: "reflectance = 0.4")
@@ -225,6 +226,7 @@ def test_where_light_is_given_a_card_is_its_witness(copied: Callable[..., Path],
     assert_allclose(run.references[0].over_shown, 1 / scale, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_near_lamps_ask_where_the_card_is(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "near", distance=0.15, beside=44)
     change_manifest(folder, r"directional = \[\{ direction = \[(.*?)\], irradiance = \[(.*?)\]", _near_lamp)
