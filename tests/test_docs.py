@@ -70,6 +70,7 @@ def test_the_manifests_of_the_readme_and_of_the_page_on_photo_sets_are_valid(tmp
     assert load_photoset(tmp_path).lightings[0].mirror_ball is not None
 
 
+@pytest.mark.slow
 def test_the_calibration_script_runs_and_comes_near_the_truth(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -133,6 +133,7 @@ def test_keys_and_fields_turn_object_light_and_lamp(page: Page, sphere: tuple[Pa
     assert page.evaluate(state)["azimuth"] == 15
 
 
+@pytest.mark.slow
 def test_a_painted_doll_is_one_small_page(page: Page, tmp_path: Path) -> None:
     studio, lighting = studio_of(gloss(tmp_path / "result"), doll_mesh(0.003))
     # Paint with edges, as that of the synthetic doll, and a patch that no photograph shows.

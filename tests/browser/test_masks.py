@@ -98,6 +98,7 @@ def test_a_polygon_becomes_the_mask_and_a_stroke_takes_some_of_it_away(page: Pag
     assert [path.name for path in (folder / ".studio" / "masks").iterdir()] == ["000-2_mask-1.png"]
 
 
+@pytest.mark.slow
 def test_a_mask_is_drawn_with_the_keyboard_alone_from_the_one_that_is_there(page: Page, folder: Path) -> None:
     before = photo_mask(load_photoset(folder).photos[0])
     assert before is not None
@@ -138,6 +139,7 @@ def test_a_mask_is_drawn_with_the_keyboard_alone_from_the_one_that_is_there(page
     assert {0, 1} < set(np.unique(before[kept])), "partial cover is part of it"
 
 
+@pytest.mark.slow
 def test_a_draft_can_be_discarded_and_a_mask_that_is_empty_is_refused(browser: Browser, folder: Path) -> None:
     # Not the fixture's page: browsers report the answer that says what is wrong as an error.
     page = browser.new_page(viewport={"width": 1280, "height": 720})

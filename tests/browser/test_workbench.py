@@ -160,6 +160,7 @@ def test_results_are_compared_and_relit_under_a_map_of_ones_own(
     assert apart(radiance(page, 100, turn=30), picture.radiance, picture.coverage) < 0.01
 
 
+@pytest.mark.slow
 def test_without_webgl_stills_are_shown(page: Page, bench: Served, ball: Path) -> None:
     if not (ball / "fit-1").is_dir():
         lf.process(ball, 3000).save(ball / "fit-1")

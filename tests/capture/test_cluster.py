@@ -89,6 +89,7 @@ def killing(cluster: LocalCluster, every_s: float) -> Iterator[list[int]]:
         thread.join()
 
 
+@pytest.mark.slow
 def test_workers_that_are_killed_change_nothing(
     store: TaskStore, cluster: LocalCluster, tmp_path: Path
 ) -> None:

@@ -206,7 +206,10 @@ def test_layers_of_an_exr_survive(tmp_path):
     assert read_pixels(tmp_path / "a é.exr").shape == (4, 5, 3)
 
 
-@pytest.mark.parametrize(("every", "median"), [pytest.param(1, 0.045, marks=pytest.mark.sweep), (2, 0.06)])
+@pytest.mark.parametrize(
+    ("every", "median"),
+    [pytest.param(1, 0.045, marks=pytest.mark.sweep), pytest.param(2, 0.06, marks=pytest.mark.slow)],
+)
 def test_memorial_church_agrees_with_the_published_map(data_dir, every, median):
     folder = data_dir / "memorial"
     paths = sorted(folder.glob("*.png"))[::every]

@@ -47,7 +47,11 @@ def assert_alike(one: Path, other: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "kind", ["known", *(pytest.param(k, marks=pytest.mark.sweep) for k in ("unknown", "paint"))]
+    "kind",
+    [
+        pytest.param("known", marks=pytest.mark.slow),
+        *(pytest.param(k, marks=pytest.mark.sweep) for k in ("unknown", "paint")),
+    ],
 )
 def test_only_what_lacks_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     paint = kind == "paint"

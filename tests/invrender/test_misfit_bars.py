@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from benchmarks.gloss.abc import published_kd, write_spheres
 from capture.photoset import load_photoset
 from invrender.process.pipeline import process
 
 
+@pytest.mark.slow
 def test_published_kd_lies_within_what_other_forms_move(data_dir: Path, tmp_path: Path) -> None:
     brdfs = data_dir / "brdf"
     photoset = load_photoset(write_spheres(brdfs, "delrin", tmp_path, lamps=8, parts=1)[0])

@@ -64,6 +64,7 @@ def test_a_lobe_is_not_widened_by_pixels_across_which_it_changes(tmp_path: Path)
         assert std.max() < most * truth
 
 
+@pytest.mark.slow
 def test_narrow_highlights_of_a_room_s_lamp_are_sampled_in_full(tmp_path: Path) -> None:
     lighting = f'given = "nothing"\n{WINDOW}\n{LAMP}'
     photoset = glossy_set(tmp_path, lighting, 100, 1400, 4, "directions = 256\nper_side = 2")

@@ -226,7 +226,9 @@ def test_a_near_lamp_is_solved_saved_rendered_and_exported(
 
 
 @pytest.mark.parametrize(
-    "recover", [False, pytest.param(True, marks=pytest.mark.sweep)], ids=["known", "strength recovered"]
+    "recover",
+    [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=pytest.mark.sweep)],
+    ids=["known", "strength recovered"],
 )
 def test_a_near_lamp_that_is_called_distant_is_found(
     lightfactor: Command, near_set: Path, tmp_path: Path, request: pytest.FixtureRequest, recover: bool

@@ -133,6 +133,7 @@ def test_given_normals_leave_the_lobe_and_kd_to_be_found(glossy: Path, tmp_path:
     assert result.solved.surface.kd[inner].mean(axis=0) == pytest.approx([0.2, 0.16, 0.12], rel=0.03)
 
 
+@pytest.mark.slow
 def test_near_lamps_are_taken_where_they_are(tmp_path: Path) -> None:
     folder = write_rendered(tmp_path / "near", distance=0.12, every=3)
     # The middle of what is seen of the sphere, which faces +x: lamps are near, so that its depth counts.

@@ -152,7 +152,7 @@ def check_absolute(run: Run, ks: bool = True) -> None:
     assert reference["std_relative_by"]["reflectance"] == [0.01] * 3
 
 
-@pytest.mark.parametrize("kind", ["card", "sphere"])
+@pytest.mark.parametrize("kind", ["card", pytest.param("sphere", marks=pytest.mark.slow)])
 def test_lamps_of_unknown_strength_are_told_by_a_reference(copied: Callable[..., Path], kind: str) -> None:
     folder = copied()
     if kind == "card":
@@ -186,7 +186,7 @@ def test_pictures_stay_as_they_are_in_another_scale(copied: Callable[..., Path])
     assert_allclose(fixed.predict(photo).predicted, free.predict(photo).predicted, rtol=1e-5, atol=1e-9)
 
 
-@pytest.mark.parametrize("material", ["glossy", "matte"])
+@pytest.mark.parametrize("material", ["glossy", pytest.param("matte", marks=pytest.mark.slow)])
 def test_all_of_the_light_being_unknown_kd_is_absolute_by_a_card(
     copied: Callable[..., Path], material: str
 ) -> None:

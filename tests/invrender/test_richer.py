@@ -78,6 +78,7 @@ def test_a_real_paints_base_and_highlight_are_found_among_simpler_ones(bench) ->
     assert (np.abs(solution.quantities["kd"].value - truth.kd) < 4 * solution.quantities["kd"].std).all()
 
 
+@pytest.mark.slow
 def test_the_real_balls_highlights_are_predicted_and_its_stated_error_is_seen(
     data_dir: Path, tmp_path: Path
 ) -> None:

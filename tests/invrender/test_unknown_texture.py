@@ -226,6 +226,7 @@ lighting = "lab"
 """
 
 
+@pytest.mark.slow
 def test_what_is_matte_does_not_tell_its_paint_from_light(lightfactor: Command, tmp_path: Path) -> None:
     trimesh.creation.icosphere(subdivisions=3, radius=0.04).export(tmp_path / "ball.obj")
     folder = in_unknown_light(write_doll_set(tmp_path, MATTE))

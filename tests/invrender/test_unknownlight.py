@@ -52,6 +52,7 @@ def test_three_photographs_tell_brdf_and_light(small_set: Path, tmp_path: Path, 
     assert "lighting" in (tmp_path / "out" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_of_a_matte_object_without_lamps_light_is_all_that_is_told(
     matte_set: Path, tmp_path: Path, few_forms: None
 ):

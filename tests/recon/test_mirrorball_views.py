@@ -302,6 +302,7 @@ def test_a_ball_that_is_not_there_is_not_found() -> None:
         find_ball(flat, camera, "ball")
 
 
+@pytest.mark.slow
 def test_views_are_turned_to_each_other_by_what_they_show() -> None:
     first, second = camera_at(0, 10), camera_at(75, -15)
     views = [viewed(first, with_lamp, "first"), viewed(second, with_lamp, "second")]

@@ -114,7 +114,10 @@ def test_equal_photos_give_equal_poses(textured: Path, tmp_path: Path) -> None:
 # Of few photographs poses are less certain.
 @pytest.mark.parametrize(
     ("count", "turned_deg", "shifted"),
-    [(3, 0.2, 0.004), pytest.param(5, 0.15, 0.003, marks=pytest.mark.sweep)],
+    [
+        pytest.param(3, 0.2, 0.004, marks=pytest.mark.slow),
+        pytest.param(5, 0.15, 0.003, marks=pytest.mark.sweep),
+    ],
 )
 def test_a_board_in_some_photos_fixes_place_and_size(
     count: int, turned_deg: float, shifted: float, tmp_path: Path

@@ -44,7 +44,11 @@ def run(monkeypatch, *arguments: str) -> None:
 
 # Four neighbours, 23 degrees apart, that show enough features by themselves; and all.
 @pytest.mark.parametrize(
-    ("chosen", "cells"), [(range(5, 9), 50), pytest.param(range(16), 100, marks=pytest.mark.sweep)]
+    ("chosen", "cells"),
+    [
+        pytest.param(range(5, 9), 50, marks=pytest.mark.slow),
+        pytest.param(range(16), 100, marks=pytest.mark.sweep),
+    ],
 )
 def test_the_temple_from_photographs_to_samples(chosen, cells, data_dir, tmp_path, monkeypatch):
     monkeypatch.setenv("LIGHTFACTOR_DATA", str(data_dir))
