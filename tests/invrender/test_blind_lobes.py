@@ -51,6 +51,7 @@ def test_brute_force_of_any_lobe_is_that_of_the_renderer_for_its_own(bench: Simp
     assert_allclose(found, expected, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_ladder_tells_half_angle_lobes_from_rh01s(bench: SimpleNamespace, rng: np.random.Generator):
     angles = np.linspace(0, 177, 8)
     fields = [bench.sphere_field(angle, 200, 90.0) for angle in angles]

@@ -69,6 +69,7 @@ def test_a_sum_is_as_wide_as_its_core() -> None:
     assert core_width(twice, 0.02, GGX_FORM) == pytest.approx(2 * 0.8326 / 0.6436, rel=3e-3)
 
 
+@pytest.mark.slow
 def test_what_no_formula_has_is_tabulated(bench) -> None:
     # Three lobes, the middle one the weakest: no haze around a core, and no plastic.
     numbers = {"coat": 0.5, "beyond": 0.6, "beyond_2": 1.0, "beyond_4": 0.7, "beyond_8": 0.0}

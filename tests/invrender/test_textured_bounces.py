@@ -79,6 +79,7 @@ def cup(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "set"
 
 
+@pytest.mark.slow
 def test_paint_in_folds_is_not_taken_for_brighter_than_it_is(
     lightfactor: Command, cup: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

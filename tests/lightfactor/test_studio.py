@@ -207,6 +207,7 @@ def state_when(bench: Served, fit: str, wanted: tuple[str, ...]) -> dict:
     return lines[-1]
 
 
+@pytest.mark.slow
 def test_a_fit_goes_on_when_its_server_is_killed_and_ends_when_it_is_stopped(ball: Path) -> None:
     command = [sys.executable, "-c", "from lightfactor.cli import main; main()"]
     server = subprocess.Popen(

@@ -221,6 +221,7 @@ def test_symmetric_bodies_are_not_placed_by_silhouettes_alone_but_by_picks():
         place_mesh(task_of(brick, CAMERAS[:3], masks))
 
 
+@pytest.mark.slow
 def test_a_cloud_alone_places_it_roughly_in_a_world_of_any_size(cat):
     rng = np.random.default_rng(2)
     surface = trimesh.Trimesh(cat.vertices, cat.faces, process=False)

@@ -205,6 +205,7 @@ def run() -> Callable[..., str]:
     return call
 
 
+@pytest.mark.slow
 def test_command_writes_what_the_set_then_reads(tmp_path: Path, run: Callable[..., str]) -> None:
     # The last photo doesn't show the board, and nobody's features help it.
     poses = sets.ring(4, 40)
