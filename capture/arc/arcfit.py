@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from capture.arc.gantry import Arc, look_at
 from capture.arrays import frozen_array
@@ -355,7 +355,7 @@ def _equal_step(angles: Floats, covariance: Floats) -> tuple[float | None, float
     variance = 1 / (count @ weight @ count)
     step = float(variance * (count @ weight @ angles[1:]))
     deviation = angles[1:] - step * count
-    if chi2.sf(deviation @ weight @ deviation, len(count) - 1) < _UNEQUAL:
+    if chdtrc(len(count) - 1, deviation @ weight @ deviation) < _UNEQUAL:
         return None, None
     return step, float(np.sqrt(variance))
 

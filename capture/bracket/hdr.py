@@ -288,8 +288,8 @@ def _binned(
 
 def _unlikely(spread: NDArray[np.floating], count: NDArray[np.uint16]) -> NDArray[np.bool_]:
     """Where the sum of squared residuals over their variances is larger than noise makes it, in any channel."""
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     freedom = np.arange(int(count.max()) + 1) - 1
-    limit = np.where(freedom > 0, chi2.isf(_UNLIKELY, np.maximum(freedom, 1)), np.inf)
+    limit = np.where(freedom > 0, chdtri(np.maximum(freedom, 1), _UNLIKELY), np.inf)
     return np.asarray((spread > limit[count]).any(axis=2))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from recon.sampling.highlights import small_highlights, tile_numbers
 from recon.sampling.lightfield import LightField
@@ -101,7 +101,7 @@ def structured_share(
 def beyond_chance(groups: int) -> float:
     """How many times the true variance one estimated from so many groups is by chance in one number of a hundred."""
     freedom = max(groups - 1, 1)
-    return float(chi2.ppf(0.99, freedom) / freedom)
+    return float(chdtri(freedom, 0.01) / freedom)
 
 
 def lobe_misfit(

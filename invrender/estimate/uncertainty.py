@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtrit
 
 from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.microfacet import SIGMA_RANGE
@@ -124,7 +123,7 @@ def uncertainty_of(
     ratio, fragility = np.ones(len(independent)), np.zeros(len(independent))
     for clusters in map(np.array, (by_tile, list(by_area.values()))):
         # So that intervals of 1.96 deviations hold 95% where clusters are few, as Student's do.
-        few = (student.ppf(0.975, max(len(clusters) - 1, 1)) / norm.ppf(0.975)) ** 2
+        few = (stdtrit(max(len(clusters) - 1, 1), 0.975) / ndtri(0.975)) ** 2
         pull = few * _pull(moved / reduced, clusters[:, :size])
         ratio = np.maximum(ratio, pull / np.maximum(np.diag(independent), 1e-300))
     for clusters in map(np.array, (by_tile, list(by_patch.values()))):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtrit
 
 Floats = NDArray[np.float64]
 
@@ -44,5 +44,5 @@ def common_spread(moves: Floats, variances: Floats, fitted: int) -> float:
     if excess(0.0) <= 0:
         return 0.0
     highest = float((moves**2).sum())  # there chi^2 is less than 1
-    widened = student.ppf(0.975, freedom) / student.ppf(0.975, np.inf)
+    widened = stdtrit(freedom, 0.975) / ndtri(0.975)
     return float(brentq(excess, 0.0, highest) * widened**2)
