@@ -22,6 +22,8 @@ Falls = Callable[[Reference, Floats], Floats]
 
 # Turn of a normal, radians, that shows what its deviation does.
 _TURN = 1e-3
+# Of a reference's pixels, whose neighbours share photosites, as if so many were independent.
+_INDEPENDENT = 0.25
 # Share by which none is known better.
 _EXACT = 1e-6
 # References that are further apart than so many deviations are named.
@@ -184,17 +186,22 @@ def _deviations(reference: Reference, fallen: Floats, falls: Falls) -> dict[str,
             turned = np.tile(turned / np.linalg.norm(turned), (len(reference.normals), 1))
             slope = (reference.mean(falls(reference, turned)) / fallen - 1) / _TURN
             tilt += (reference.normal_std * slope) ** 2
-    whole = falls(reference, reference.normals)
-    white = reference.mean(reference.white)
-    parts = np.unique(reference.parts)
-    uneven = np.zeros(3)
-    if len(parts) > 1:
-        shown = [reference.white[reference.parts == part].mean(axis=0) / white for part in parts]
-        expected = [whole[reference.parts == part].mean(axis=0) / fallen for part in parts]
-        # What varies across it varies between it and the object.
-        uneven = np.var(np.array(shown) - np.array(expected), axis=0, ddof=1)
+    shown = reference.white / reference.mean(reference.white)
     return {
         "reflectance": np.full(3, reference.reflectance_std),
         "tilt": np.sqrt(tilt),
-        "evenness": np.asarray(np.sqrt(uneven)),
+        "evenness": _unevenness(shown - falls(reference, reference.normals) / fallen, reference.parts),
     }
+
+
+def _unevenness(off: Floats, parts: NDArray[np.int64]) -> Floats:
+    """Share (3,) by which a reference is lit otherwise than the fit says, as its pixels (n, 3) show; parts : (n,).
+
+    What varies from part to part beyond noise varies between it and the object, too. Of noise the mean has less.
+    """
+    own = [off[parts == part] for part in np.unique(parts)]
+    noise = np.mean([pixels.var(axis=0) / (len(pixels) * _INDEPENDENT) for pixels in own], axis=0)
+    if len(own) == 1:
+        return np.sqrt(noise)
+    between = np.var([pixels.mean(axis=0) for pixels in own], axis=0, ddof=1)
+    return np.asarray(np.sqrt(np.maximum(between - noise, 0) + noise / len(own)))

@@ -320,9 +320,9 @@ def test_bars_of_absolute_kd_cover_over_draws(tmp_path: Path) -> None:
         kd = process(load_photoset(forget_light(folder))).solution.quantities["kd"]
         assert kd.value is not None
         off.append((kd.value - KD) / kd.std)
-    # Means of ninths are judged by how far they lie apart, so that the bars are up to three times too wide.
+    # Neighbouring pixels count as a quarter of them; here they are independent, so that bars are up to twice too wide.
     assert np.abs(off).max() < 3
-    assert np.sqrt(np.mean(np.square(off))) > 0.2
+    assert 0.3 < np.sqrt(np.mean(np.square(off))) < 1.3
 
 
 def test_paint_in_unknown_light_is_absolute_by_a_card(
