@@ -32,14 +32,12 @@ class AbsoluteBlind:
     """A solution's numbers in an absolute scale.
 
     scale : what the references say. factor : (3,), of Kd and Ks. covariance : (t + 3, t + 3), of the solution's numbers
-    as `BlindSolution.covariance_names` has them, and of the logarithms of the factors. of_light : (3,), the part of
-    their variances that comes from the fit. lights : by name, in that scale.
+    as `BlindSolution.covariance_names` has them, and of the logarithms of the factors. lights : by name, in that scale.
     """
 
     scale: ReferenceScale
     factor: Floats
     covariance: Floats
-    of_light: Floats
     lights: Mapping[str, BlindLight]
 
 
@@ -65,7 +63,7 @@ def absolute_blind(
         # What is zero in the fit isn't so for certain.
         std = np.where(level > 0, std * level, light.numbers[1])
         scaled[name] = light.with_std(std).times(1 / factor)
-    return AbsoluteBlind(scale, factor, covariance, np.diag(covariance)[-3:] - own, scaled)
+    return AbsoluteBlind(scale, factor, covariance, scaled)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +116,8 @@ def _rows(light: BlindLight, reference: Reference, normals: Floats) -> Floats:
 class _JointSlopes:
     """How the logarithm of the irradiance on references moves, and what that leaves it uncertain by.
 
-    by_light : (3, p) of each lighting's numbers.
-    together : (3, t), with shared numbers, lights giving way to them. excess : (p, 3) of each lighting, variances of
-    its numbers beyond those of noise.
+    by_light : (3, p) of each lighting's numbers. together : (3, t), with shared numbers, lights giving way to them.
+    excess : (p, 3) of each lighting, variances of its numbers beyond those of noise.
     """
 
     solution: BlindSolution
