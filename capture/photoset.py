@@ -29,7 +29,6 @@ from capture.manifest import (
     ObjectTable,
     PhotoTable,
     RadiometryTable,
-    ReferenceTable,
     SourceTable,
     read_manifest,
     resolve,
@@ -38,7 +37,8 @@ from capture.photo import Photo
 from capture.placing import mesh_placement, photo_poses, read_arc, registered_poses, takes_registered
 from capture.polarisation import Extinction, polariser_of, read_extinction
 from capture.radiometry import Radiometry, read_radiometry
-from capture.reference import balance, check_references, see_reference
+from capture.reference import balance, check_references, see_references
+from capture.referencetable import ReferenceTable
 
 MANIFEST_NAME = "photoset.toml"
 # What the light is called of which a manifest says nothing.
@@ -171,7 +171,7 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
     check_references(manifest_path, manifest)
     radiometry = _radiometry(manifest_path, manifest.radiometry, [photo.file for photo in photos])
     if manifest.radiometry.white_balance == "reference":
-        first = see_reference(manifest_path, 1, manifest.reference[0], photos, radiometry)
+        (first,) = see_references(manifest_path, manifest.reference[:1], photos, radiometry)
         radiometry = replace(radiometry, white_balance=balance(first))
     errors = replace(
         _errors(manifest_path, manifest, photos, poses, placement),

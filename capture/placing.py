@@ -9,8 +9,9 @@ import numpy as np
 from capture.arc.gantry import Arc
 from capture.camera import rigid_transform
 from capture.files.documents import read_json
+from capture.files.tables import Matrix4
 from capture.found import ALIGNMENT_NAME, POSES_NAME, Alignment, Poses, read_alignment, read_poses
-from capture.manifest import ArcTable, GantryTable, Manifest, Matrix4, PhotoTable, resolve
+from capture.manifest import ArcTable, GantryTable, Manifest, PhotoTable, resolve
 
 _ARC_KEYS = ("centre", "axis", "radius", "start", "mount", "step_deg")
 _ARC_FILE = f"a gantry.json holds {', '.join(_ARC_KEYS)}"

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.decode import decode_photo
-from capture.manifest import Manifest, ReferenceTable, resolve
+from capture.manifest import Manifest, resolve
 from capture.photo import Photo
 from capture.radiance import RadianceImage
 from capture.radiometry import Radiometry
+from capture.referencetable import ReferenceTable
 
 if TYPE_CHECKING:
     from capture.chart.chartsearch import FoundChart
@@ -58,12 +59,10 @@ class SeenReference:
     corners: Floats
     plane: Floats
 
-    @property
-    def mean_white(self) -> Floats:
-        """Mean (3,) over its parts."""
-        return np.mean(
-            [self.white[self.parts == part].mean(axis=0) for part in np.unique(self.parts)], axis=0
-        )
+
+def mean_of_parts(values: Floats, parts: Ints) -> Floats:
+    """Mean (...) over the parts of a reference of what its pixels have, (n, ...); parts : (n,)."""
+    return np.mean([values[parts == part].mean(axis=0) for part in np.unique(parts)], axis=0)
 
 
 def check_references(manifest_path: Path, manifest: Manifest) -> None:
@@ -82,16 +81,27 @@ def check_references(manifest_path: Path, manifest: Manifest) -> None:
         )
 
 
-def see_reference(
-    manifest_path: Path, number: int, table: ReferenceTable, photos: Sequence[Photo], radiometry: Radiometry
-) -> SeenReference:
-    """A reference of a manifest, its `number`th, as its photograph shows it.
+def see_references(
+    manifest_path: Path, tables: Sequence[ReferenceTable], photos: Sequence[Photo], radiometry: Radiometry
+) -> list[SeenReference]:
+    """References of a manifest, the first ones in its order, as their photographs show them.
 
-    Raises ValueError where it lies beyond the picture, is saturated, small or black, and where its chart isn't found.
+    Raises ValueError where one lies beyond the picture, is saturated, small or black, or has a chart that isn't found.
     """
-    where = f'{manifest_path}: [[reference]] {number} (photo "{table.photo}")'
-    photo = next(photo for photo in photos if photo.name == table.photo)
-    image = decode_photo(radiometry, photo)
+    seen = {}
+    for photo in photos:
+        own = [(number, table) for number, table in enumerate(tables, start=1) if table.photo == photo.name]
+        image = decode_photo(radiometry, photo) if own else None
+        for number, table in own:
+            assert image is not None
+            where = f'{manifest_path}: [[reference]] {number} (photo "{table.photo}")'
+            seen[number] = _seen(where, manifest_path, table, photo, image)
+    return [seen[number] for number in sorted(seen)]
+
+
+def _seen(
+    where: str, manifest_path: Path, table: ReferenceTable, photo: Photo, image: RadianceImage
+) -> SeenReference:
     corners, plane = np.zeros((0, 2)), np.zeros((0, 2))
     try:
         if table.chart is not None:
@@ -119,7 +129,7 @@ def see_reference(
 
 def balance(reference: SeenReference) -> Floats:
     """Factors (3,) for red, green and blue, green being 1, under which a reference shows its own colour."""
-    white = reference.mean_white
+    white = mean_of_parts(reference.white, reference.parts)
     return np.asarray(white[1] / white)
 
 
@@ -181,17 +191,23 @@ def _on_sphere(photo: Photo, centre: Floats, radius: float) -> NDArray[np.bool_]
     camera = photo.camera
     if not photo.posed:
         raise ValueError("a sphere is found by its place in the world, but the photo has no pose yet")
-    rows, columns = np.indices((camera.height, camera.width)).reshape(2, -1)
-    origins, directions = camera.rays(np.column_stack([columns, rows]) + 0.5)
+    mask = np.zeros((camera.height, camera.width), bool)
+    # Around a cube that holds it; of one partly behind the camera all that is on that side.
+    cube = camera.project(centre + radius * np.stack(np.meshgrid(*3 * [(-1, 1)]), axis=-1).reshape(-1, 3))
+    size = [camera.width, camera.height]
+    first = np.clip(np.nan_to_num(cube.min(axis=0), nan=0), 0, size).astype(int)
+    last = np.clip(np.nan_to_num(cube.max(axis=0) + 1, nan=np.inf), first, size).astype(int)
+    rows, columns = np.mgrid[first[1] : last[1], first[0] : last[0]]
+    origins, directions = camera.rays(np.column_stack([columns.ravel(), rows.ravel()]) + 0.5)
     to_centre = centre - origins
     along = np.einsum("nc,nc->n", to_centre, directions)
     apart = np.linalg.norm(to_centre - along[:, None] * directions, axis=1)
-    mask = ((apart < _SPHERE * radius) & (along > radius)).reshape(camera.height, camera.width)
+    mask[rows, columns] = ((apart < _SPHERE * radius) & (along > radius)).reshape(rows.shape)
     if not mask.any():
         raise ValueError("the sphere isn't in the picture: check centre and radius, metres in the world")
     if mask[[0, -1]].any() or mask[:, [0, -1]].any():
         raise ValueError("the sphere reaches beyond the picture: photograph all of it")
-    return np.asarray(mask)
+    return mask
 
 
 def _grey_patches(

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.photoset import PhotoSet
-from capture.reference import SeenReference, see_reference
-from recon.mesh.bodies import Body, body_pixels
+from capture.reference import SeenReference, mean_of_parts, see_references
+from recon.mesh.bodies import Body
 from recon.sphere.sphere import Sphere
 
 Floats = NDArray[np.float64]
@@ -51,7 +51,11 @@ class Reference:
 
     def mean(self, values: Floats) -> Floats:
         """Mean (...) over the parts of what pixels have, (n, ...)."""
-        return np.mean([values[self.parts == part].mean(axis=0) for part in np.unique(self.parts)], axis=0)
+        return mean_of_parts(values, self.parts)
+
+    def over_shown(self, fallen: Floats) -> Floats:
+        """What mean irradiance (3,) makes of it, over what it shows."""
+        return fallen / (np.pi * self.mean(self.white))
 
 
 def find_references(photoset: PhotoSet, body: Body | None = None) -> tuple[Reference, ...]:
@@ -59,10 +63,8 @@ def find_references(photoset: PhotoSet, body: Body | None = None) -> tuple[Refer
 
     body : the object, if it is known; a reference that lies on it is refused.
     """
-    return tuple(
-        _placed(see_reference(photoset.manifest, number, table, photoset.photos, photoset.radiometry), body)
-        for number, table in enumerate(photoset.references, start=1)
-    )
+    seen = see_references(photoset.manifest, photoset.references, photoset.photos, photoset.radiometry)
+    return tuple(_placed(each, body) for each in seen)
 
 
 def _placed(seen: SeenReference, body: Body | None) -> Reference:
@@ -118,10 +120,8 @@ def _before(camera: Camera, positions: Floats | None) -> Floats:
 
 
 def _check_beside(seen: SeenReference, body: Body) -> None:
-    camera = seen.photo.camera
-    mask = np.zeros((camera.height, camera.width), bool)
-    mask[body_pixels(body, camera, outline=False)] = True
-    overlap = mask[seen.rows, seen.columns].mean()
+    pixels = np.column_stack([seen.columns, seen.rows]).astype(float) + 0.5
+    overlap = body.hits(seen.photo.camera, pixels).hit.mean()
     if overlap > _OVERLAP:
         raise ValueError(
             f"{seen.where}: {overlap:.0%} of its pixels show the object itself: a reference lies beside it; check"

@@ -6,9 +6,25 @@ import difflib
 import re
 import typing
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+
+def _channels(value: Any) -> Any:
+    """A reflectance as three: one number counts for all channels."""
+    channels = value if isinstance(value, tuple) else (value,) * 3
+    numbers = [entry for entry in channels if isinstance(entry, int | float) and not isinstance(entry, bool)]
+    if len(channels) != 3 or len(numbers) != 3 or not all(0 < number <= 1 for number in numbers):
+        raise ValueError("must be one number, or [r, g, b], above 0 and at most 1")
+    return tuple(map(float, numbers))
+
+
+Vector3 = tuple[float, float, float]
+Matrix4 = tuple[tuple[float, float, float, float], ...]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Reflectance = Annotated[Vector3, BeforeValidator(_channels)]
 
 
 class Table(BaseModel):

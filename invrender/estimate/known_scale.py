@@ -58,20 +58,19 @@ def known_scale(
         return np.asarray(sum(of * by for of, by in zip(parts, strengths[reference.lighting], strict=True)))
 
     scale = ReferenceScale.of(references, falls)
-    fallen = np.array([reference.mean(falls(reference, reference.normals)) for reference in references])
-    factor = scale.factor(fallen)
     if any(element.name == "known" for name in strengths for element in elements[name]):
-        remarks = (*scale.remarks, *_contradiction(scale, factor))
+        remarks = (*scale.remarks, *_contradiction(scale))
         return KnownScale(None, np.ones(3), scale.scores(np.ones(3)), remarks)
 
     def reached(reference: Reference) -> dict[str, Floats]:
         parts = per_strength(reference, reference.normals)
         return {
-            f"{reference.lighting}/{element.name}": reference.mean(part)
+            f"{reference.lighting}/{element.name}": reference.over_shown(reference.mean(part))
             for element, part in zip(elements[reference.lighting], parts, strict=True)
         }
 
-    return KnownScale(scale.gauge(reached), factor, scale.scores(factor), scale.remarks)
+    gauge = ReferenceGauge(scale, tuple(map(reached, references)))
+    return KnownScale(gauge, scale.factor, scale.scores(scale.factor), scale.remarks)
 
 
 def given_scale(
@@ -87,12 +86,12 @@ def _at(element: LightElement, reference: Reference) -> LightElement:
     return element.at(places_of(reference, element.directions))
 
 
-def _contradiction(scale: ReferenceScale, factor: Floats) -> list[str]:
-    """Whether given light sends references as much as they show; factor : (3,), given light over what they show."""
-    off = np.abs(np.log(factor))
+def _contradiction(scale: ReferenceScale) -> list[str]:
+    """A sentence if given light sends references more or less than they show; none if it doesn't."""
+    off = np.abs(np.log(scale.factor))
     if not ((off > _APART * scale.own_std) & (off > _NOTABLE)).any():
         return []
-    shown = ", ".join(f"{1 / of - 1:+.0%}" for of in factor)
+    shown = ", ".join(f"{1 / of - 1:+.0%}" for of in scale.factor)
     return [
         f"By {scale.named} other light falls than is given: {shown} of it (red, green, blue), more than the reference's"
         f" own {scale.own_std.mean():.0%}. The given light was kept. Check the exposures, the light's unit, and whether"

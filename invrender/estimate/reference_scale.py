@@ -37,8 +37,8 @@ class ReferenceScale:
     """What references say of a scale, and how far off they may be by themselves.
 
     references : some. factors : (r, 3), of Kd and Ks by each. stds : of each, by what leaves these open, shares (3,).
-    weights : (r,), of the factors' logarithms in the mean; they add up to 1. own_std : (3,),
-    the mean's share, which holds by what they differ. remarks : sentences.
+    weights : (r,), of the factors' logarithms in the mean; they add up to 1. own_std : (3,), the mean's share, which
+    holds by what they differ. remarks : sentences.
     """
 
     references: tuple[Reference, ...]
@@ -59,7 +59,7 @@ class ReferenceScale:
             fallen = reference.mean(falls(reference, reference.normals))
             _check_lit(reference, fallen, falls)
             stds.append(_deviations(reference, fallen, falls))
-            logs.append(np.log(fallen / (np.pi * reference.mean(reference.white))))
+            logs.append(np.log(reference.over_shown(fallen)))
         # What is exact in each way has a weight still.
         variance = np.array([_EXACT**2 + sum(own**2 for own in of.values()) for of in stds])
         log = np.array(logs)
@@ -83,10 +83,14 @@ class ReferenceScale:
             tuple(references), np.exp(log), tuple(stds), weights, np.sqrt(own), tuple(remarks)
         )
 
-    def factor(self, fallen: Floats) -> Floats:
-        """Kd and Ks over those of a fit that lets `fallen` (r, 3), mean irradiance, fall on the references; (3,)."""
-        white = np.array([reference.mean(reference.white) for reference in self.references])
-        return np.asarray(np.exp(self.weights @ np.log(np.maximum(fallen, 1e-300) / (np.pi * white))))
+    @property
+    def factor(self) -> Floats:
+        """Kd and Ks over those of the fit, (3,)."""
+        return self.mean_of(self.factors)
+
+    def mean_of(self, factors: Floats) -> Floats:
+        """The factor (3,) where the references give these, (r, 3)."""
+        return np.asarray(np.exp(self.weights @ np.log(np.maximum(factors, 1e-300))))
 
     def scores(self, factor: Floats) -> tuple[ReferenceScore, ...]:
         """How well each reference is explained where Kd and Ks are factors (3,) times those of the fit."""
@@ -98,10 +102,6 @@ class ReferenceScale:
                 self.references, self.weights, self.stds, self.factors, strict=True
             )
         )
-
-    def gauge(self, falls_per_strength: Callable[[Reference], Mapping[str, Floats]]) -> ReferenceGauge:
-        """The scale as a function of strengths; falls_per_strength : as `ReferenceGauge.reached` has it, of one."""
-        return ReferenceGauge(self, tuple(map(falls_per_strength, self.references)))
 
     @property
     def in_words(self) -> str:
@@ -121,7 +121,7 @@ class ReferenceScale:
 class ReferenceGauge:
     """A scale that hangs on strengths of lightings.
 
-    reached : of each reference mean irradiance, (3,) or (1,), per unit of strengths by their names.
+    reached : of each reference its factor, (3,), per unit of strengths by their names.
     """
 
     scale: ReferenceScale
@@ -129,8 +129,8 @@ class ReferenceGauge:
 
     def factor(self, strengths: Mapping[str, Floats]) -> Floats:
         """Kd and Ks over those of a fit with strengths (3,) by their names; (3,)."""
-        fallen = [sum(own * strengths[name] for name, own in of.items()) for of in self.reached]
-        return self.scale.factor(np.array(fallen))
+        factors = [sum(own * strengths[name] for name, own in of.items()) for of in self.reached]
+        return self.scale.mean_of(np.array(factors))
 
 
 def check_under(references: Sequence[Reference], lights: Mapping[str, object]) -> None:

@@ -30,7 +30,7 @@ def in_absolute_scale(solution: Solution, blind: BlindSolution, absolute: Absolu
 
     blind : that it was made of.
     """
-    factor, fitted = absolute.factor, len(blind.covariance_names)
+    factor, fitted = absolute.scale.factor, len(blind.covariance_names)
     kd, ks = (values * factor for values in (solution.brdf.kd, solution.brdf.ks))
     names, of_brdf = brdf_numbers(blind.covariance_names)
     if blind.sigma is None:

@@ -171,7 +171,7 @@ def solve_unknown_light(
         absolute = absolute_blind(blind, references, solution.structured)
         solution = in_absolute_scale(solution, blind, absolute)
         warnings += absolute.scale.remarks
-        seen_references = absolute.scale.scores(absolute.factor)
+        seen_references = absolute.scale.scores(absolute.scale.factor)
     return Run(
         photoset,
         geometry,

@@ -98,31 +98,28 @@ def solve_unknown_texture(
 
         made_of = photos, names, orders, regions, geometry.shadows
         blind = kept_result("texture-light", factorized, made_of)
-        unsure = [
-            _unsure_light(own, _ScaleSlopes.of(name, blind.lights, None)).max()
-            for name, own in blind.lights.items()
-        ]
+        unsure = [_unsure_light(light, light.numbers[1]).max() for light in blind.lights.values()]
         if blind.sigma is None or min(unsure) > _UNDETERMINED:
             unknown = " and ".join(f'"{name}"' for name in dict.fromkeys(names))
             raise ValueError(_MATTE.format(where=photoset.manifest, names=unknown))
         lights = _scaled(blind, photos, names, geometry)
         under = scale_under(lights, references) if references else None
         if under is not None:
-            lights = {name: light.times(1 / under.factor) for name, light in lights.items()}
+            lights = {name: light.times(1 / under.scale.factor) for name, light in lights.items()}
     found = [recovered_lighting(name, light) for name, light in lights.items()]
     # What was recovered of a light is now given.
     given = {own.lighting.name: replace(own.lighting, recover_irradiance=False) for own in found}
-    unsure_at = _unsure(blind, lights, found, under)
+    slopes = {name: _ScaleSlopes.of(name, lights, under) for name in lights}
+    unsure_at = _unsure(blind, lights, found, slopes)
     stated = [
-        recovered_lighting(name, light.with_std(_ScaleSlopes.of(name, lights, under).std_of(light)))
-        for name, light in lights.items()
+        recovered_lighting(name, light.with_std(slopes[name].std_of(light))) for name, light in lights.items()
     ]
     recovered = Recovered(given, unsure_at, lambda solution: _in_gauge(solution, blind, stated, under))
     run = solve_textured(photoset, geometry, samples, clock, track, recovered)
     warnings = (*sentences(blind.warnings), *run.warnings)
     if under is None:
         return replace(run, warnings=warnings)
-    scores = under.scale.scores(under.factor)
+    scores = under.scale.scores(under.scale.factor)
     return replace(run, warnings=(*warnings, *under.scale.remarks), references=scores)
 
 
@@ -210,21 +207,22 @@ def _unsure(
     blind: BlindSolution,
     lights: Mapping[str, BlindLight],
     found: Sequence[FittedLighting],
-    under: ScaleUnder | None,
+    slopes: Mapping[str, _ScaleSlopes],
 ) -> Callable[[SurfacePoints], Floats]:
     """Shares by which what was found first leaves Kd and Ks of points uncertain.
 
     Of several lightings the best known counts at each point. The share of Ks that they were found with is Ks itself, in
-    their units. under : the scale by references: what makes light brighter there and elsewhere alike moves neither.
+    their units. slopes : of the scale, by lighting: what makes light brighter at references and elsewhere alike moves
+    neither.
     """
     std = _deviations(blind)
     of_share = np.array([std[f"share {c}"] for c in "rgb"]) / blind.brdf_share
-    scales = {name: _ScaleSlopes.of(name, lights, under) for name in lights}
 
     def at(points: SurfacePoints) -> Floats:
-        pairs = [(light, own, scales[name]) for (name, light), own in zip(lights.items(), found, strict=True)]
-        of_kd = np.min([_unsure_base(*pair, points.normals) for pair in pairs], axis=0)
-        of_ks = np.hypot(np.min([_unsure_light(light, own) for light, _, own in pairs], axis=0), of_share)
+        each = [(light, own, slopes[name]) for (name, light), own in zip(lights.items(), found, strict=True)]
+        of_kd = np.min([_unsure_base(*of, points.normals) for of in each], axis=0)
+        of_light = np.min([_unsure_light(light, scale.std_of(light)) for light, _, scale in each], axis=0)
+        of_ks = np.hypot(of_light, of_share)
         return np.hstack([of_kd, np.broadcast_to(of_ks, of_kd.shape)])
 
     return at
@@ -250,10 +248,10 @@ class _ScaleSlopes:
         for other, light in lights.items():
             if other != name:
                 # Slopes are by the numbers as they were before the scale.
-                besides = besides + (under.slopes[other] ** 2 * (under.factor * light.numbers[1]) ** 2).sum(
-                    axis=0
-                )
-        return _ScaleSlopes(under.slopes[name] * under.factor, besides)
+                besides = besides + (
+                    under.slopes[other] ** 2 * (under.scale.factor * light.numbers[1]) ** 2
+                ).sum(axis=0)
+        return _ScaleSlopes(under.slopes[name] * under.scale.factor, besides)
 
     def std_of(self, light: BlindLight) -> Floats:
         """Standard deviations (p, 3) of the light's numbers in that scale."""
@@ -279,9 +277,9 @@ def _unsure_base(light: BlindLight, found: FittedLighting, scale: _ScaleSlopes, 
     return np.sqrt(np.stack(variance, axis=-1) + apart**2 + scale.besides)
 
 
-def _unsure_light(light: BlindLight, scale: _ScaleSlopes) -> Floats:
-    """Standard deviation of a light over itself, (3,): RMS over its harmonics and lamps."""
-    level, std = light.numbers[0], scale.std_of(light)
+def _unsure_light(light: BlindLight, std: Floats) -> Floats:
+    """Standard deviations (p, 3) of a light's numbers over itself, (3,): RMS over its harmonics and lamps."""
+    level = light.numbers[0]
     return np.asarray(np.sqrt((std**2).sum(axis=0) / np.maximum((level**2).sum(axis=0), 1e-300)))
 
 

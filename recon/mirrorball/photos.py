@@ -14,7 +14,8 @@ from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import check_size, decode, read_mask
 from capture.exposure import bracket_exposures, read_exif_exposure, read_times, relative_exposure
 from capture.files.documents import read_json
-from capture.manifest import CameraTable, Matrix4, Table
+from capture.files.tables import Matrix4, Table
+from capture.manifest import CameraTable
 from capture.photoset import build_camera
 from capture.placing import matrix4
 from capture.radiance import RadianceImage

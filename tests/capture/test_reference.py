@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from capture.chart.chart import read_chart
 from capture.decode import decode_photo
 from capture.files.imagefile import write_exr
-from capture.photoset import load_photoset
-from capture.reference import see_reference
+from capture.photoset import PhotoSet, load_photoset
+from capture.reference import SeenReference, mean_of_parts, see_references
 
 Floats = NDArray[np.float64]
 
@@ -40,6 +40,12 @@ CARD = 'photo = "000.exr"\nregion = [[10, 12], [40, 12], [40, 42], [10, 42]]\nno
 SHOWN = np.array([0.3, 0.2, 0.1])
 
 
+def seen_in(photoset: PhotoSet) -> SeenReference:
+    """The only reference of a set."""
+    (seen,) = see_references(photoset.manifest, photoset.references, photoset.photos, photoset.radiometry)
+    return seen
+
+
 @pytest.fixture
 def written(tmp_path: Path) -> Callable[..., Path]:
     """A photograph of a card, 10 to 40 across and 12 to 42 down, with a bright frame around."""
@@ -62,14 +68,14 @@ def written(tmp_path: Path) -> Callable[..., Path]:
 
 def test_a_card_is_read_without_its_frame(written: Callable[..., Path]) -> None:
     photoset = load_photoset(written())
-    seen = see_reference(photoset.manifest, 1, photoset.references[0], photoset.photos, photoset.radiometry)
+    seen = seen_in(photoset)
     # Without the border no pixel shows the frame; single precision.
     assert_allclose(seen.white, np.tile(SHOWN / 0.4, (28 * 28, 1)), rtol=1e-6)
     assert sorted(set(seen.parts.tolist())) == list(range(9))
     # A reflectance per channel.
     coloured = load_photoset(written(CARD.replace("0.4", "[0.6, 0.4, 0.2]")))
-    seen = see_reference(coloured.manifest, 1, coloured.references[0], coloured.photos, coloured.radiometry)
-    assert_allclose(seen.mean_white, 0.5, rtol=1e-6)
+    seen = seen_in(coloured)
+    assert_allclose(mean_of_parts(seen.white, seen.parts), 0.5, rtol=1e-6)
 
 
 def test_white_balance_makes_the_reference_its_own_colour(written: Callable[..., Path]) -> None:
@@ -87,7 +93,7 @@ def test_a_real_chart_gives_white_and_how_unevenly_it_is_lit(data_dir: Path, tmp
     table = f'photo = "{file}"\nchart = "MCC24-2005"\nnormal = [0, 0, -1]'
     (tmp_path / "photoset.toml").write_text(head.replace("height = 60", "height = 1720") + table)
     photoset = load_photoset(tmp_path)
-    seen = see_reference(photoset.manifest, 1, photoset.references[0], photoset.photos, photoset.radiometry)
+    seen = seen_in(photoset)
     # Four grey patches reflect 15% or more; each is grey to 2% once the mean is.
     names = [read_chart("MCC24-2005").names[k] for k in read_chart("MCC24-2005").greys]
     assert names[:4] == ["white", "neutral 8", "neutral 6.5", "neutral 5"]
@@ -146,7 +152,7 @@ def test_a_reference_that_shows_nothing_usable_is_refused(
 ) -> None:
     photoset = load_photoset(written(table, change=change))
     with pytest.raises(ValueError, match=r'\[\[reference\]\] 1 \(photo "000.exr"\): .*' + message):
-        see_reference(photoset.manifest, 1, photoset.references[0], photoset.photos, photoset.radiometry)
+        seen_in(photoset)
 
 
 def test_white_balance_by_a_reference_needs_one(written: Callable[..., Path]) -> None:
@@ -166,4 +172,4 @@ def test_a_saturated_card_is_refused(written: Callable[..., Path]) -> None:
     cv2.imwrite(str(folder / "000.png"), pixels)
     photoset = load_photoset(folder)
     with pytest.raises(ValueError, match="of its pixels are saturated: expose less"):
-        see_reference(photoset.manifest, 1, photoset.references[0], photoset.photos, photoset.radiometry)
+        seen_in(photoset)

@@ -116,7 +116,7 @@ def test_bars_of_products_are_how_far_draws_of_noise_scatter(bench) -> None:
         found = absolute_blind(blind, [card(lighting.directions[0])])
         slopes = np.diag(-1 / (1 - blind.brdf_share))
         by = np.hstack([slopes, np.zeros((3, len(blind.covariance_names) - 3)), np.eye(3)])
-        logs.append(np.log((1 - blind.brdf_share) * found.factor))
+        logs.append(np.log((1 - blind.brdf_share) * found.scale.factor))
         stated.append(np.diag(by @ found.covariance @ by.T))
         apart.append(np.log(1 - blind.brdf_share))
     scatter, shares = np.std(logs, axis=0, ddof=1), np.std(apart, axis=0, ddof=1)
@@ -259,6 +259,19 @@ def test_a_card_that_faces_away_from_all_light_is_refused(copied: Callable[..., 
     change_manifest(folder, r"normal = \[.*\]", lambda _: "normal = [0.05, 0, -1]")
     with pytest.raises(ValueError, match=r"\[\[reference\]\] 1 .*next to no light falls on it"):
         process(load_photoset(forget_strength(folder)))
+
+
+def test_a_card_in_a_light_that_no_fitted_photograph_is_under_is_refused(copied: Callable[..., Path]) -> None:
+    folder = forget_light(add_card(copied(), 2, BESIDE, FACING))
+    # Its lamp's twin is given, so that a prediction of the photograph isn't what lacks.
+    change_manifest(folder, r'(name = "lamp 2"\n)unknown = true\ndark = true', _given_lamp)
+    change_manifest(folder, r'(file = "002\.exr"\n)', lambda found: found[0] + "held_out = true\n")
+    with pytest.raises(ValueError, match=r"\[\[reference\]\] 1 .*its light 'lamp 2' is on no photograph"):
+        process(load_photoset(folder))
+
+
+def _given_lamp(found: re.Match[str]) -> str:
+    return found[1] + "directional = [{ direction = [1, 0, 0], irradiance = [1, 1, 1] }]"
 
 
 SOFT = """format = 1

@@ -31,12 +31,12 @@ _STEP = 1e-4
 class AbsoluteBlind:
     """A solution's numbers in an absolute scale.
 
-    scale : what the references say. factor : (3,), of Kd and Ks. covariance : (t + 3, t + 3), of the solution's numbers
-    as `BlindSolution.covariance_names` has them, and of the logarithms of the factors. lights : by name, in that scale.
+    scale : what the references say. covariance : (t + 3, t + 3), of the solution's numbers as
+    `BlindSolution.covariance_names` has them, and of the logarithms of the scale's factors. lights : by name, in that
+    scale.
     """
 
     scale: ReferenceScale
-    factor: Floats
     covariance: Floats
     lights: Mapping[str, BlindLight]
 
@@ -51,7 +51,7 @@ def absolute_blind(
     """
     lights = solution.lights
     under = scale_under(lights, references)
-    scale, factor = under.scale, under.factor
+    scale = under.scale
     joint = _JointSlopes.of(solution, under)
     own = scale.own_std**2 + structured**2
     covariance = joint.covariance.copy()
@@ -62,20 +62,19 @@ def absolute_blind(
         level = np.abs(light.numbers[0])
         # What is zero in the fit isn't so for certain.
         std = np.where(level > 0, std * level, light.numbers[1])
-        scaled[name] = light.with_std(std).times(1 / factor)
-    return AbsoluteBlind(scale, factor, covariance, scaled)
+        scaled[name] = light.with_std(std).times(1 / scale.factor)
+    return AbsoluteBlind(scale, covariance, scaled)
 
 
 @dataclass(frozen=True, eq=False)
 class ScaleUnder:
     """What references say of the scale of recovered lights.
 
-    scale : the references. factor : (3,), of Kd and Ks. slopes : of its logarithm by the numbers of lights by name,
-    (p, 3): coefficients and then the sources' irradiances.
+    scale : the references. slopes : of its factor's logarithm by the numbers of lights by name, (p, 3): coefficients
+    and then the sources' irradiances.
     """
 
     scale: ReferenceScale
-    factor: Floats
     slopes: Mapping[str, Floats]
 
 
@@ -92,12 +91,11 @@ def scale_under(lights: Mapping[str, BlindLight], references: Sequence[Reference
 
     scale = ReferenceScale.of(references, falls)
     slopes = {name: np.zeros_like(light.numbers[0]) for name, light in lights.items()}
-    fallen = []
     for reference, weight in zip(references, scale.weights, strict=True):
-        rows = reference.mean(_rows(lights[reference.lighting], reference, reference.normals))
-        fallen.append(rows @ lights[reference.lighting].numbers[0])
-        slopes[reference.lighting] += weight * rows[:, None] / fallen[-1]
-    return ScaleUnder(scale, scale.factor(np.array(fallen)), slopes)
+        light = lights[reference.lighting]
+        rows = reference.mean(_rows(light, reference, reference.normals))
+        slopes[reference.lighting] += weight * rows[:, None] / (rows @ light.numbers[0])
+    return ScaleUnder(scale, slopes)
 
 
 def _of_sources(lighting: Lighting, reference: Reference, normals: Floats) -> Floats:
