@@ -263,7 +263,7 @@ def test_a_card_that_faces_away_from_all_light_is_refused(copied: Callable[..., 
 
 def test_a_card_in_a_light_that_no_fitted_photograph_is_under_is_refused(copied: Callable[..., Path]) -> None:
     folder = forget_light(add_card(copied(), 2, BESIDE, FACING))
-    # Its lamp's twin is given, so that a prediction of the photograph isn't what lacks.
+    # Known, as light must be that only held-out photographs are under.
     change_manifest(folder, r'(name = "lamp 2"\n)unknown = true\ndark = true', _given_lamp)
     change_manifest(folder, r'(file = "002\.exr"\n)', lambda found: found[0] + "held_out = true\n")
     with pytest.raises(ValueError, match=r"\[\[reference\]\] 1 .*its light 'lamp 2' is on no photograph"):
