@@ -1,6 +1,6 @@
 """docs/normals.png: normals of two real objects, how far off they are, and what their error bars say.
 
-LIGHTFACTOR_DATA=DATA python docs/normals.py [FOLDER]: DATA holds `glossball/` and `normals_cat/` (DiLiGenT, Shi et al.
+LIGHTFACTOR_DATA=DATA python -m docs.normals [FOLDER]: DATA holds `glossball/` and `normals_cat/` (DiLiGenT, Shi et al.
 2016).
 """
 

@@ -1,6 +1,6 @@
 """docs/polarisation.png: a painted doll through parallel and crossed filters, photographed and predicted.
 
-python docs/polarisation.py [FOLDER]
+python -m docs.polarisation [FOLDER]
 """
 
 from __future__ import annotations

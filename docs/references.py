@@ -1,6 +1,6 @@
 """docs/references.png: a card and a white sphere beside the object, and Kd in unknown light by them.
 
-python docs/references.py [FOLDER]
+python -m docs.references [FOLDER]
 """
 
 from __future__ import annotations
