@@ -133,6 +133,34 @@ def test_keys_and_fields_turn_object_light_and_lamp(page: Page, sphere: tuple[Pa
     assert page.evaluate(state)["azimuth"] == 15
 
 
+def test_a_slow_card_draws_fewer_pixels_while_the_picture_moves_and_all_when_it_rests(
+    page: Page, sphere: tuple[Path, ExportedPage]
+) -> None:
+    page.set_viewport_size({"width": 900, "height": 400})
+    opened(page, sphere[1].files[0])
+    page.evaluate("""() => {
+        const { picture } = window.lightfactor, draw = picture.draw.bind(picture);
+        let start = 0;
+        window.widths = [];
+        // A card that takes a tenth of a second, of which thirty would make three seconds.
+        picture.busy = () => performance.now() - start < 100;
+        picture.draw = (state) => {
+            window.widths.push(picture.canvas.width);
+            start = performance.now();
+            draw(state);
+        };
+    }""")
+    for _ in range(12):
+        page.locator("canvas").press("ArrowRight")
+        page.wait_for_timeout(50)
+    whole = page.evaluate("window.lightfactor.picture.canvas.clientWidth")
+    page.wait_for_function(f"window.lightfactor.picture.canvas.width === {whole}")
+    widths = page.evaluate("window.widths")
+    assert min(widths) <= 0.51 * whole
+    # Keys that come while the card draws don't queue up: at most one picture waits.
+    assert len(widths) <= 12
+
+
 @pytest.mark.slow
 def test_a_painted_doll_is_one_small_page(page: Page, tmp_path: Path) -> None:
     studio, lighting = studio_of(gloss(tmp_path / "result"), doll_mesh(0.003))

@@ -22,6 +22,10 @@ class Stills {
 
   draw() {}
 
+  busy() {
+    return false;
+  }
+
   radiance() {
     return [];
   }

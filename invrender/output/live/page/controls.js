@@ -3,6 +3,10 @@
 import { around, turnView } from "./vectors.js";
 
 const STEP = 5, FASTEST = 0.4;
+// Milliseconds: what a picture that moves may take, and after how long of standing still it gets all its pixels.
+const LONGEST = 33, SETTLED = 150;
+// A picture that moves has all pixels, half of them, a quarter, down to a sixteenth.
+const COARSEST = 4;
 
 /** State at the start: the first light as it was, from the side that `lightfactor render` takes. */
 export function initialState(camera) {
@@ -23,23 +27,47 @@ export function goodExposure(picture, state) {
 }
 
 /**
+ * Returns a function that draws a state soon: one picture at a time, so that none queue up. Where a card takes longer
+ * than `LONGEST`, pictures that move have fewer pixels.
+ */
+function fluent(picture, state) {
+  const { canvas } = picture;
+  let wanted = false, drawing = false, coarser = 0, drawn = 0, settling = 0;
+  const draw = (level) => {
+    const ratio = Math.min(window.devicePixelRatio || 1, 2) / Math.SQRT2 ** level, start = performance.now();
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(Math.round(side * ratio), 1));
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    picture.draw(state);
+    drawn = level;
+    drawing = true;
+    wanted = false;
+    const wait = () => {
+      if (picture.busy()) return requestAnimationFrame(wait);
+      const took = performance.now() - start;
+      if (level === 0) coarser = Math.max(0, Math.min(COARSEST, Math.ceil(Math.log2(took / LONGEST))));
+      else if (took > 1.3 * LONGEST) coarser = Math.min(coarser + 1, COARSEST);
+      drawing = false;
+      if (wanted) draw(coarser);
+      else if (drawn > 0) settling = setTimeout(() => draw(0), SETTLED);
+    };
+    requestAnimationFrame(wait);
+  };
+  return () => {
+    clearTimeout(settling);
+    if (!wanted && !drawing) requestAnimationFrame(() => draw(coarser));
+    wanted = true;
+  };
+}
+
+/**
  * Lets people turn object, light and lamp. form : holds fields named light, turn, room, exposure, lamp, lampAzimuth,
  * lampElevation, lampStrength, and maybe filled; readout : where the radiance under the pointer is written. Returns a function that draws.
  */
 export function control(picture, state, form, readout, onChange = () => {}) {
   const canvas = picture.canvas, field = (name) => form.elements.namedItem(name);
-  let waiting = false;
-  const draw = () => {
-    waiting = false;
-    const ratio = Math.min(window.devicePixelRatio || 1, 2);
-    const width = Math.max(Math.round(canvas.clientWidth * ratio), 1), height = Math.max(Math.round(canvas.clientHeight * ratio), 1);
-    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    picture.draw(state);
-  };
-  const redraw = () => {
+  const draw = fluent(picture, state), redraw = () => {
     onChange(state);
-    if (!waiting) requestAnimationFrame(draw);
-    waiting = true;
+    draw();
   };
   const show = () => {
     for (const name of ["light", "turn", "room", "exposure"]) field(name).value = state[name];

@@ -13,7 +13,7 @@ export class Picture {
     const gl = canvas.getContext("webgl2", { alpha: true, antialias: false, preserveDrawingBuffer: true });
     if (!gl) throw new Error("This browser has no WebGL2, which live pictures need.");
     if (!gl.getExtension("EXT_color_buffer_float")) throw new Error("This graphics card can't draw to float pictures.");
-    Object.assign(this, { canvas, gl, subject, lights: [] });
+    Object.assign(this, { canvas, gl, subject, lights: [], fence: null });
     this.surface = program(gl, SURFACE, REFLECTED);
     this.shown = program(gl, WHOLE, SHOWN);
     this.empty = gl.createVertexArray();
@@ -167,6 +167,18 @@ export class Picture {
     gl.uniform1i(gl.getUniformLocation(this.shown, "uPicture"), 0);
     gl.uniform1f(gl.getUniformLocation(this.shown, "uExposure"), 2 ** state.exposure);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
+    this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+  }
+
+  /** Whether the graphics card still works on what was drawn last. */
+  busy() {
+    const gl = this.gl;
+    if (this.fence && gl.getSyncParameter(this.fence, gl.SYNC_STATUS) === gl.SIGNALED) {
+      gl.deleteSync(this.fence);
+      this.fence = null;
+    }
+    return this.fence !== null;
   }
 
   /** Radiance and coverage, (height, width, 4) from the top left on, in the light's own scale. */
