@@ -110,10 +110,15 @@ def _grid(model: Model) -> Floats:
     return np.array(list(product(*[axes[name] for name in model.coordinates])))
 
 
-def starting_points(cost: Callable[[Floats], float], lower: Floats, upper: Floats) -> list[Floats]:
-    """Where to search from: the best point of a coarse grid, and the best of those far from it."""
+def starting_points(
+    costs: Callable[[Sequence[Floats]], Sequence[float]], lower: Floats, upper: Floats
+) -> list[Floats]:
+    """Where to search from: the best point of a coarse grid, and the best of those far from it.
+
+    costs : of several points.
+    """
     grid = _coarse_grid(lower, upper)
-    return [grid[k] for k in _rivals(np.array(grid), np.array([cost(point) for point in grid]))]
+    return [grid[k] for k in _rivals(np.array(grid), np.array(costs(grid)))]
 
 
 def _rivals(grid: Floats, costs: Floats) -> list[int]:

@@ -40,7 +40,7 @@ from invrender.process.held_out_light import scored_lighting, used_lightings
 from invrender.process.warnings import find_warnings
 from invrender.result.run import Run
 from invrender.result.scores import mean_rms, photo_scores
-from invrender.transport.cached_shader import CachedShader
+from invrender.transport.cached_shader import LOOKUPS_OFF, CachedShader
 from invrender.transport.predict import predict
 from invrender.transport.transfer import LightElement
 from recon.lighting import stands_clear
@@ -50,8 +50,6 @@ from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
-# Of what photographs differ from the model, the share (RMS) by which pictures of it may be off: they differ 3% more.
-PICTURES_OFF = 0.25
 # Deviation of a sphere's place, of its radius, below which normals are known well enough: a twentieth of a degree.
 _PLACED_WELL = 8e-4
 
@@ -181,7 +179,7 @@ def _concluded(
         {photo.lighting: fields[photo.label] for photo in by_samples},
         Counter(photo.lighting for photo in photoset.photos),
         geometry.shadows,
-        PICTURES_OFF * (mean_rms(scores, held_out=False) or 0.0),
+        LOOKUPS_OFF * (mean_rms(scores, held_out=False) or 0.0),
     )
 
     def pictured(photo: Photo, field: LightField, binning: int) -> Floats:

@@ -25,11 +25,10 @@ from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import read_samples
 from invrender.process.held_out_light import scored_lighting, used_lightings
-from invrender.process.known_light import PICTURES_OFF
 from invrender.process.warnings import find_warnings
 from invrender.result.run import Run
 from invrender.result.scores import mean_rms, photo_scores
-from invrender.transport.cached_shader import CachedShader
+from invrender.transport.cached_shader import LOOKUPS_OFF, CachedShader
 from invrender.transport.predict import predict
 from invrender.transport.transfer import light_elements
 from recon.sampling.lightfield import LightField
@@ -113,7 +112,7 @@ def solve_known_light_as_published(
         {photo.lighting: fields[photo.label] for photo in photoset.photos},
         Counter(photo.lighting for photo in photoset.photos),
         geometry.shadows,
-        PICTURES_OFF * (mean_rms(scores, held_out=False) or 0.0),
+        LOOKUPS_OFF * (mean_rms(scores, held_out=False) or 0.0),
     )
 
     def pictured(photo: Photo, field: LightField, binning: int) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 
 import numpy as np
@@ -35,7 +35,9 @@ from invrender.estimate.textured.textures import FittedTextures
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import PhotoReader
+from invrender.transport.cached_shader import LOOKUPS_OFF, maps_serve
 from invrender.transport.radiosity import Bounced
+from invrender.transport.reflected import prepared_map
 from invrender.transport.transfer import LightElement, light_elements
 from invrender.transport.visibility import Shadows
 from recon.mesh.bodies import Body, body_coverage
@@ -60,13 +62,18 @@ _EVERY, _STRIDE = 8, 8
 
 @dataclass(frozen=True, eq=False)
 class TextureBench:
-    """What both passes need. bounced : per lighting, what parts of the mesh send each other, once that is known."""
+    """What both passes need.
+
+    bounced : per lighting, what parts of the mesh send each other, once that is known. looked_up : the lightings, by
+    name, of which a prepared map tells what the fitted lobe reflects, as well as an integral for each ray.
+    """
 
     reader: PhotoReader
     lightings: Mapping[str, Lighting]
     elements: Mapping[str, Sequence[LightElement]]
     shadows: Shadows | None
     bounced: Mapping[str, Bounced]
+    looked_up: frozenset[str] = frozenset()
 
     @classmethod
     def of(
@@ -76,16 +83,34 @@ class TextureBench:
         elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
         return cls(PhotoReader.of(photoset, geometry.found), lightings, elements, geometry.shadows, {})
 
-    def direct(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
+    def direct(self, lighting: str, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
         """Diffuse and specular transfers (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
-        return transfers_of(self.elements[photo.lighting], pixels, brdf, self.shadows)
+        elements = self.elements[lighting]
+        light = prepared_map(brdf, elements[0]) if lighting in self.looked_up else None
+        return transfers_of(elements, pixels, brdf, self.shadows, light)
 
-    def by_mesh(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
+    def with_lookups(self, fit: TexturedFit, shown: Sequence[Seen]) -> TextureBench:
+        """With prepared maps of the lightings where they are off by little against what the fit leaves.
+
+        shown : what photographs show of some points, of each lighting that was fitted.
+        """
+        tolerance = LOOKUPS_OFF * fit.candidates[fit.chosen].error
+        # The last is kept, which is the photograph that shows most.
+        fields = {seen.lighting: seen.pixels for seen in sorted(shown, key=lambda seen: len(seen.pixels))}
+        lookups = frozenset(
+            name
+            for name, field in fields.items()
+            if len(elements := self.elements[name]) == 1
+            and maps_serve(fit.brdf, elements, np.ones((1, 3)), field, self.shadows, tolerance)
+        )
+        return replace(self, looked_up=lookups)
+
+    def by_mesh(self, lighting: str, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
         """The same by light that other parts of the mesh send."""
-        if photo.lighting not in self.bounced:
+        if lighting not in self.bounced:
             nothing = np.zeros((len(pixels), 3), np.float32)
             return nothing, nothing
-        diffuse, specular = self.bounced[photo.lighting].reflected(pixels, brdf)
+        diffuse, specular = self.bounced[lighting].reflected(pixels, brdf)
         means = [pixels.mean_over_rays(rays).astype(np.float32) for rays in (diffuse, specular)]
         return means[0], means[1]
 
@@ -194,7 +219,9 @@ class _PixelsGathered:
 
     def _of(self, photo: Photo, field: LightField) -> PixelsOfPoints:
         bench = self.bench
-        (d, s), (more_d, more_s) = (of(photo, field, self.brdf) for of in (bench.direct, bench.by_mesh))
+        (d, s), (more_d, more_s) = (
+            of(photo.lighting, field, self.brdf) for of in (bench.direct, bench.by_mesh)
+        )
         lit = d.max(axis=1)
         # What other parts send makes the albedo brighter, but not more certain.
         direct = lit / np.maximum((d + more_d).max(axis=1), np.float32(1e-30))

@@ -94,6 +94,8 @@ def solve_textured(
     )
     if accounted is not None:
         bench = replace(bench, bounced=accounted.bounced)
+    with clock.on("invrender"):
+        bench = bench.with_lookups(fit, subset.shown)
     fields = subset.fields
     del subset
     release_memory()
@@ -209,7 +211,8 @@ def _fit(
         if parts is None:
             return fit, None
         again = partial(fitted, doing="Judging light that bounces")
-        accounted = correct_textures(parts, subset.shown, subset.points, bench.elements, fit, again)
+        direct = bench.with_lookups(fit, subset.shown).direct
+        accounted = correct_textures(parts, subset.shown, subset.points, bench.elements, direct, fit, again)
     return (fit, None) if accounted is None else (accounted.fit, accounted)
 
 

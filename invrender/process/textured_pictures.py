@@ -45,7 +45,7 @@ class TexturedPictures:
     def transfers(self, photo: Photo, field: LightField) -> tuple[Floats, Floats]:
         """What Kd = 1 and Ks = 1 would show of samples, (n, 3) each."""
         (d, s), (more_d, more_s) = (
-            of(photo, field, self.brdf) for of in (self.bench.direct, self.bench.by_mesh)
+            of(photo.lighting, field, self.brdf) for of in (self.bench.direct, self.bench.by_mesh)
         )
         return (d + more_d).astype(float), (s + more_s).astype(float)
 

@@ -23,6 +23,8 @@ from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
+# Of what photographs differ from the model, the share (RMS) by which lookups may be off: they differ 3% more.
+LOOKUPS_OFF = 0.25
 # Rays from which on preparing a map takes less time than it saves; samples that it is tried out on.
 _MANY, _TRIED = 100_000, 400
 
@@ -59,23 +61,42 @@ class CachedShader:
     def _maps_serve(self, lighting: str, strengths: Floats) -> bool:
         with self._trying:
             if lighting not in self._serve:
-                self._serve[lighting] = self._tried(lighting, strengths)
+                shown = self.brdf, self.elements[lighting], strengths, self.fields[lighting], self.shadows
+                self._serve[lighting] = maps_serve(*shown, self.tolerance)
             return self._serve[lighting]
-
-    def _tried(self, lighting: str, strengths: Floats) -> bool:
-        if all(prepared_map(self.brdf, element) is None for element in self.elements[lighting]):
-            return False
-        whole = self.fields[lighting]
-        some = whole.where(np.arange(len(whole)) % (len(whole) // _TRIED + 1) == 0)
-        exact, other = (of(lighting, strengths, some) for of in (self._integrated, self._looked_up))
-        return bool(np.sum((other - exact) ** 2) <= self.tolerance**2 * np.sum(exact**2))
 
     def _integrated(self, lighting: str, strengths: Floats, samples: LightField) -> Floats:
         return predict(self.brdf, self.elements[lighting], strengths, samples, self.shadows)
 
     def _looked_up(self, lighting: str, strengths: Floats, samples: LightField) -> Floats:
-        parts = (
-            shade(self.brdf, element, samples, self.shadows, prepared_map(self.brdf, element))
-            for element in self.elements[lighting]
-        )
-        return np.asarray(sum(strength * part for strength, part in zip(strengths, parts, strict=True)))
+        return _looked_up(self.brdf, self.elements[lighting], strengths, samples, self.shadows)
+
+
+def maps_serve(
+    brdf: Microfacet,
+    elements: Sequence[LightElement],
+    strengths: Floats,
+    field: LightField,
+    shadows: Shadows | None,
+    tolerance: float,
+) -> bool:
+    """Whether prepared maps yield the radiance of a light field's samples, off by a tolerance (relative RMS) at most.
+
+    strengths : (elements, 3). Some hundred of the samples are tried. False where there are no maps.
+    """
+    if all(prepared_map(brdf, element) is None for element in elements):
+        return False
+    some = field.where(np.arange(len(field)) % (len(field) // _TRIED + 1) == 0)
+    exact, other = (of(brdf, elements, strengths, some, shadows) for of in (predict, _looked_up))
+    return bool(np.sum((other - exact) ** 2) <= tolerance**2 * np.sum(exact**2))
+
+
+def _looked_up(
+    brdf: Microfacet,
+    elements: Sequence[LightElement],
+    strengths: Floats,
+    samples: LightField,
+    shadows: Shadows | None,
+) -> Floats:
+    parts = (shade(brdf, element, samples, shadows, prepared_map(brdf, element)) for element in elements)
+    return np.asarray(sum(strength * part for strength, part in zip(strengths, parts, strict=True)))

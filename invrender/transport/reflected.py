@@ -45,7 +45,7 @@ LEAST_SIGMA = 0.1
 _DEGREE, _ORDERS, _ANGLES = 64, 12, 24
 _STEEPEST = float(np.arccos(MIN_COS_EXITANT))
 # Share of the light field (RMS) that terms which are left out may hold.
-_LEFT_OUT = 1.5e-3
+_LEFT_OUT = 5e-4
 # Rows of the maps: five to the shortest wave, which is the weakest.
 _HEIGHT = 160
 _LOOKUP, _PIXELS_AT_A_TIME = 2048, 8192

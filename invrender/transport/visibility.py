@@ -214,10 +214,15 @@ def seen_specular(
     parts += [(_source(element, k), seen) for k, seen in enumerate(visible.sources.T)]
     for part, seen in parts:
         rays = np.flatnonzero(seen)
-        values = gather(part, rays)
+        values, share = gather(part, rays), seen[rays]
+        # Values may be a gigabyte, and most rays see all of a source.
+        if (share != 1).any():
+            values = values * share.astype(values.dtype).reshape(-1, *[1] * (values.ndim - 1))
         if total is None:
             total = np.zeros((len(seen), *values.shape[1:]), values.dtype)
-        total[rays] += values * seen[rays].astype(values.dtype).reshape(-1, *[1] * (values.ndim - 1))
+            total[rays] = values
+        else:
+            total[rays] += values
     assert total is not None, "an element holds some light"
     return total
 

@@ -20,17 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.interreflection.correction import corrected, settled
 from invrender.estimate.interreflection.statement import Interreflection, asked_for, of_all, stated
 from invrender.estimate.textured.fit import TexturedFit
 from invrender.estimate.textured.layout import SurfacePoints
 from invrender.estimate.textured.search import solved
-from invrender.estimate.textured.seen import Seen, transfers_of
+from invrender.estimate.textured.seen import Seen
 from invrender.estimate.textured.texel_equations import PointValues, TexelEquations, determined, products
 from invrender.transport.radiosity import Bounced, ConcaveMesh
 from invrender.transport.transfer import LightElement
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 
 # How many times likelier photographs must make it that nothing bounces than the prediction, for it to be left in:
@@ -204,17 +207,17 @@ def correct_textures(
     photos: Sequence[Seen],
     points: SurfacePoints,
     elements: Mapping[str, Sequence[LightElement]],
+    direct: Callable[[str, LightField, Microfacet], tuple[Singles, Singles]],
     fit: TexturedFit,
     fitted: Callable[[Sequence[Seen]], TexturedFit],
 ) -> CorrectedTextures | None:
     """`correction.corrected` on what photographs show of points; None, too, where no point is known.
 
-    fit : to the photographs as they are. fitted : to what they show without what bounces.
+    direct : what Kd = 1 and what Ks = 1 would show under a lighting, as `transfers_of` has it. fit : to the photographs
+    as they are. fitted : to what they show without what bounces.
     """
-    direct = _in_rows(
-        (seen, transfers_of(elements[seen.lighting], seen.pixels, fit.brdf, parts.shadows)) for seen in photos
-    )
-    rows = _TexturedEvidence(parts, elements, photos, points, direct, [fit])
+    by_light = _in_rows((seen, direct(seen.lighting, seen.pixels, fit.brdf)) for seen in photos)
+    rows = _TexturedEvidence(parts, elements, photos, points, by_light, [fit])
     if not rows.known.any():
         return None
 

@@ -30,6 +30,8 @@ Floats = NDArray[np.float64]
 _NEAR, _STEPS = 0.003, 30
 # Widths in log sigma and log(mu - 1) that slopes are taken over.
 _WIDTH = 2e-3
+# Places whose transfers are made in one pass over the columns: more would take as much memory as these.
+_TOGETHER = 6
 
 
 @dataclass(frozen=True)
@@ -71,17 +73,15 @@ def search_point(model: TexturedModel, stack: TexelObservations, near: Floats | 
         return np.zeros(0)
     lower, upper = bounds_of(model)
 
-    def cost(point: Floats) -> float:
-        return cost_at(model, stack, point)
-
     def descended(start: Floats) -> Floats:
         # What noise is shows only in what a fit leaves.
-        least = _NEAR**2 * cost(start) / stack.radiance.size
+        least = _NEAR**2 * cost_at(model, stack, start) / stack.radiance.size
         return gauss_newton(start, partial(_about, model, stack), least, _STEPS)
 
     if near is not None:
         return descended(np.clip(near[: len(lower)], lower, upper))
-    return min((descended(start) for start in starting_points(cost, lower, upper)), key=cost)
+    starts = starting_points(partial(costs_at, model, stack), lower, upper)
+    return min((descended(start) for start in starts), key=partial(cost_at, model, stack))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,11 @@ class SolvedPoints:
 
     @classmethod
     def of(cls, model: TexturedModel, stack: TexelObservations, point: Floats) -> SolvedPoints:
-        d, s = stack.transfers(numbers_at(model, point))
+        return cls.by(model, stack, *stack.transfers(numbers_at(model, point)))
+
+    @classmethod
+    def by(cls, model: TexturedModel, stack: TexelObservations, d: Floats, s: Floats) -> SolvedPoints:
+        """By the rows' transfers there."""
         sums = stack.equations(d, s)
         return cls(model, stack, d, s, sums, solved(model, sums))
 
@@ -143,9 +147,10 @@ def _about(model: TexturedModel, stack: TexelObservations, point: Floats) -> Loc
         for axis in _WIDTH / 2 * np.eye(len(point))
     ]
     widths = np.array([(more - less).sum() for less, more in sides])
-    here = SolvedPoints.of(model, stack, point)
     ends = [(numbers_at(model, less), numbers_at(model, more)) for less, more in sides]
-    changes = [here.kd * base + here.ks * lobe for base, lobe in stack.slopes(ends, widths)]
+    (d, s), *slopes = stack.around(numbers_at(model, point), ends, widths)
+    here = SolvedPoints.by(model, stack, d, s)
+    changes = [here.kd * base + here.ks * lobe for base, lobe in slopes]
     matrix, pull = here.shared_equations(changes)
     # A bound that holds a coordinate takes it out.
     held = ((point <= lower) & (pull < 0)) | ((point >= upper) & (pull > 0))
@@ -162,4 +167,14 @@ def _about(model: TexturedModel, stack: TexelObservations, point: Floats) -> Loc
 
 def cost_at(model: TexturedModel, stack: TexelObservations, point: Floats) -> float:
     """What the points leave unexplained there, each with the Kd and Ks that suit it best."""
-    return float(solved(model, stack.sums(numbers_at(model, point))).cost.sum())
+    return costs_at(model, stack, [point])[0]
+
+
+def costs_at(model: TexturedModel, stack: TexelObservations, points: Sequence[Floats]) -> list[float]:
+    """`cost_at` several places."""
+    places = [numbers_at(model, point) for point in points]
+    return [
+        float(solved(model, stack.equations(d, s)).cost.sum())
+        for start in range(0, len(places), _TOGETHER)
+        for d, s in stack.transfers_at(places[start : start + _TOGETHER])
+    ]

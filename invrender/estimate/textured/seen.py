@@ -18,6 +18,7 @@ from invrender.estimate.textured.observe import PointObservations
 from invrender.estimate.textured.texel_observations import TexelRows
 from invrender.transport.columns import columns_of_forms
 from invrender.transport.predict import reflected
+from invrender.transport.reflected import ReflectedMap
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Shadows
 from recon.sampling.lightfield import LightField
@@ -116,15 +117,22 @@ def rows_in_forms(
 
 
 def transfers_of(
-    elements: Sequence[LightElement], field: LightField, brdf: Microfacet, shadows: Shadows | None
+    elements: Sequence[LightElement],
+    field: LightField,
+    brdf: Microfacet,
+    shadows: Shadows | None,
+    prepared: ReflectedMap | None = None,
 ) -> tuple[Singles, Singles]:
-    """Diffuse and specular transfers (n, 3) of samples under a lighting: radiance of Kd = 1, and of Ks = 1."""
+    """Diffuse and specular transfers (n, 3) of samples under a lighting: radiance of Kd = 1, and of Ks = 1.
+
+    prepared : of the only element's map, in place of an integral for each ray.
+    """
     strengths = np.ones((len(elements), 3))
     found = np.empty((2, len(field), 3), np.float32)
     for part in np.array_split(np.arange(len(field)), len(field) // _PIXELS_AT_A_TIME + 1):
         keep = np.zeros(len(field), bool)
         keep[part] = True
         some = field.where(keep)
-        rays = reflected(brdf, elements, strengths, some, shadows)
+        rays = reflected(brdf, elements, strengths, some, shadows, prepared)
         found[:, part] = [some.mean_over_rays(one) for one in rays]
     return found[0], found[1]

@@ -89,26 +89,35 @@ class TexelObservations:
 
     def transfers(self, numbers: Numbers) -> tuple[Floats, Floats]:
         """Diffuse and specular transfers (r, 3) at mu and sigma."""
-        if numbers[1] is None:
-            return self._lambertian, np.zeros_like(self._lambertian)
-        return self._combined(self._weights(numbers))
+        return self.transfers_at([numbers])[0]
 
-    def slopes(self, ends: Sequence[tuple[Numbers, Numbers]], widths: Floats) -> list[tuple[Floats, Floats]]:
-        """Slopes of both transfers, (r, 3) each, between pairs of mu and sigma that so much lies between."""
-        return [
-            self._combined((self._weights(more) - self._weights(less)) / width)
+    def transfers_at(self, places: Sequence[Numbers]) -> list[tuple[Floats, Floats]]:
+        """`transfers` at several mu and sigma, in one pass over the columns."""
+        if any(sigma is None for _, sigma in places):
+            return [(self._lambertian, np.zeros_like(self._lambertian))] * len(places)
+        return self._combined([self._weights(numbers) for numbers in places])
+
+    def around(
+        self, numbers: Numbers, ends: Sequence[tuple[Numbers, Numbers]], widths: Floats
+    ) -> list[tuple[Floats, Floats]]:
+        """`transfers`, then the slopes of both between pairs of mu and sigma that so much lies between."""
+        slopes = [
+            (self._weights(more) - self._weights(less)) / width
             for (less, more), width in zip(ends, widths, strict=True)
         ]
+        return self._combined([self._weights(numbers), *slopes])
 
     def _weights(self, numbers: Numbers) -> Floats:
         mu, sigma = numbers
         assert sigma is not None
         return column_weights(mu, sigma, self.form)
 
-    def _combined(self, weights: Floats) -> tuple[Floats, Floats]:
-        """Combinations of the columns with weights (q, 2) for the base and the lobe, (r, 3) each."""
-        both = self.columns @ weights.astype(np.float32)
-        return self._in_channels(both[:, 0]), self._in_channels(both[:, 1])
+    def _combined(self, weights: Sequence[Floats]) -> list[tuple[Floats, Floats]]:
+        """Combinations of the columns with weights (q, 2) each, for the base and the lobe, (r, 3) each."""
+        # Columns are read at the speed of memory: once for all.
+        rows = np.stack(weights).transpose(0, 2, 1).astype(np.float32)
+        values = (rows.reshape(-1, rows.shape[2]) @ self.columns.T).reshape(*rows.shape[:2], -1)
+        return [(self._in_channels(base), self._in_channels(lobe)) for base, lobe in values]
 
     @cached_property
     def _lambertian(self) -> Floats:
