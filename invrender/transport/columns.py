@@ -29,7 +29,7 @@ from invrender.transport.column_basis import ColumnBasis, basis_of, whole_range
 from invrender.transport.diffuse_base import base_columns, base_size, base_weights
 from invrender.transport.form_transfer import forms_transfer
 from invrender.transport.transfer import LightElement
-from invrender.transport.visibility import Rays, Shadows, seen_specular
+from invrender.transport.visibility import Rays, RayVisibility, Shadows, seen_specular
 from recon.sampling.lightfield import LightField, blocks, joined, pools
 
 Floats = NDArray[np.float64]
@@ -145,7 +145,7 @@ def _columns(
             visible = None if shadows is None else shadows.visible(element, part)
 
             means: NDArray[np.floating] = np.zeros((len(part), len(lobes), of_lobe, channels))
-            for light, field_seen in _by_rays(element, part) if size else []:
+            for light, field_seen, its in _by_rays(element, part, visible) if size else []:
 
                 def gather(
                     light: LightElement, rays: Rays, seen: LightField = field_seen
@@ -153,7 +153,7 @@ def _columns(
                     here = light.at(seen.positions[rays])
                     return forms_transfer(lobes, here, seen.normals[rays], seen.views[rays], nodes, fresnel)
 
-                specular = seen_specular(light, visible, gather)
+                specular = seen_specular(light, its, gather)
                 own = field_seen.mean_over_rays(specular.reshape(len(specular), len(lobes), of_lobe, -1))
                 means = means + own
             means = part.filtered(means)
@@ -173,15 +173,17 @@ def _columns(
     return [found[tabulated[form], base_size(form)] for form in forms]
 
 
-def _by_rays(element: LightElement, field: LightField) -> list[tuple[LightElement, LightField]]:
-    """An element's sources with all rays of samples, and its map with as few as show it; on meshes all with all."""
-    if element.prepared_map is None:
-        return [(element, field)]
-    few = field.merged(element.prepared_map.even)
-    if few is field:
-        return [(element, field)]
-    rest = (element.without_sources, few)
-    return [(element.sources_alone, field), rest] if len(element.directions) else [rest]
+def _by_rays(
+    element: LightElement, field: LightField, visible: RayVisibility | None
+) -> list[tuple[LightElement, LightField, RayVisibility | None]]:
+    """An element's sources with all rays of samples, and its map with as few as show it; and what these see of it."""
+    means = None if element.prepared_map is None else field.neighbours(element.prepared_map.even)
+    if means is None:
+        return [(element, field, visible)]
+    rest = element.without_sources, field.averaged(means), None if visible is None else visible.of_map(means)
+    if not len(element.directions):
+        return [rest]
+    return [(element.sources_alone, field, None if visible is None else visible.of_sources), rest]
 
 
 def all_columns(

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from capture.lighting import cosines, seen_from
 from invrender.transport.transfer import LightElement, diffuse_transfer
@@ -174,13 +175,23 @@ class RayVisibility:
     """What m rays see of an element's light.
 
     sources : (m, k), how much of each of its directional sources, 0 to 1. mirrored : (m,), whether the mirror direction
-    of the view is free. hidden : (m, channels), irradiance that the mesh keeps off, of all but the sources; None where
-    there is no such light.
+    of the view is free, 0 or 1; of means of rays, the share of them. hidden : (m, channels), irradiance that the mesh
+    keeps off, of all but the sources; None where there is no such light.
     """
 
     sources: Floats
-    mirrored: Mask
+    mirrored: NDArray[np.floating] | Mask
     hidden: Floats | None
+
+    @property
+    def of_sources(self) -> RayVisibility:
+        """Of the element's sources alone."""
+        return replace(self, hidden=None)
+
+    def of_map(self, means: csr_array) -> RayVisibility:
+        """Of all but the element's sources, for means (k, m) of the rays."""
+        hidden = None if self.hidden is None else means @ self.hidden
+        return RayVisibility(np.zeros((means.shape[0], 0)), means @ self.mirrored.astype(float), hidden)
 
 
 def seen_diffuse(element: LightElement, normals: Floats, visible: RayVisibility | None) -> Floats:

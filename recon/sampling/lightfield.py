@@ -153,10 +153,15 @@ class LightField:
 
         turn : radians. Of smooth bodies: rays on a mesh's faces stay as they are, and those that are no grid.
         """
+        means = None if self.faces is not None else self.neighbours(turn)
+        return self if means is None else self.averaged(means)
+
+    def neighbours(self, turn: float) -> csr_array | None:
+        """Weights (k, m) that take the mean of neighbouring rays, as of `merged`; None where each stays as it is."""
         counts = np.bincount(self.ray_sample, minlength=len(self))
         side = np.sqrt(counts).round().astype(np.int64)
-        if self.faces is not None or (side == 1).all() or (side**2 != counts).any():
-            return self
+        if (side == 1).all() or (side**2 != counts).any():
+            return None
         middle = self.sample_normals
         middle /= np.linalg.norm(middle, axis=1, keepdims=True)
         away = np.zeros(len(self))
@@ -170,15 +175,19 @@ class LightField:
         place = (which // wide * narrow // wide) * narrow + which % wide * narrow // wide
         target = (ends - fewer**2)[self.ray_sample] + place
         size = np.bincount(target)
-        means = csr_array(
-            (1 / size[target], (target, np.arange(len(target)))), shape=(len(size), len(target))
-        )
-        first = np.unique(target, return_index=True)[1]
-        merged = self._kept(np.ones(len(self), bool), np.isin(np.arange(len(target)), first))
+        return csr_array((1 / size[target], (target, np.arange(len(target)))), shape=(len(size), len(target)))
+
+    def averaged(self, means: csr_array) -> LightField:
+        """The same samples by means of rays as of `neighbours`, without what says where on a mesh rays are."""
+        target = means.tocsc().indices
+        rays = np.zeros(len(target), bool)
+        rays[np.unique(target, return_index=True)[1]] = True
+        bare = replace(self, faces=None, corner_weights=None, footprints=None)
+        merged = bare._kept(np.ones(len(self), bool), rays)
         normals, views = means @ self.normals, means @ self.views
         return replace(
             merged,
-            ray_sample=np.repeat(np.arange(len(self)), fewer**2),
+            ray_sample=self.ray_sample[means.indices[means.indptr[:-1]]],
             positions=means @ self.positions,
             normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
             views=views / np.linalg.norm(views, axis=1, keepdims=True),

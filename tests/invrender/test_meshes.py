@@ -8,6 +8,7 @@ import shutil
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from capture.manifest import LightingTable
 from capture.photoset import load_photoset
 from capture.progress import silent
 from capture.radiance import RadianceImage
+from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.rh01 import published_factors_direct
 from invrender.estimate.unknown_light import factorize_blind
 from invrender.observation.clock import Clock
@@ -31,6 +33,9 @@ from invrender.process.pipeline import process
 from invrender.process.unknown_light import solve_unknown_light
 from invrender.result.document import result_document
 from invrender.result.run import Run
+from invrender.transport.columns import photo_columns
+from invrender.transport.half_vectors import PreparedMap, map_transfer
+from invrender.transport.predict import predict, predict_columns
 from invrender.transport.transfer import diffuse_transfer, light_elements
 from invrender.transport.visibility import Shadows, seen_diffuse
 from recon.harmonics.complex import project_sources
@@ -220,6 +225,34 @@ def test_under_uniform_light_the_irradiance_is_the_share_of_the_sky_that_is_seen
     assert irradiance.min() < 0.5 * np.pi
     free = diffuse_transfer(element, field.normals)[:, 0]
     assert_allclose(free, np.pi, rtol=1e-12)
+
+
+def test_few_rays_of_a_mesh_show_the_map_as_all_of_them_do(
+    cat_original: Path, bench: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    staging = read_staging(cat_original / "scene.toml")
+    assert staging.mesh is not None
+    body, camera = MeshBody(staging.mesh), staging.scene.shots[0].camera
+    black = np.zeros((camera.height, camera.width, 3), np.float32)
+    image = RadianceImage(black, black, np.zeros(black.shape[:2], bool))
+    lighting = bench.known_lighting()
+    field = sample_body(body, camera, image, None, lighting.sources, 400, np.random.default_rng(0))
+    shadows, elements = Shadows.of(body, transfer_vectors(staging.mesh, 4, 64)), light_elements(lighting)
+    integrated: list[int] = []
+
+    def counted(light: PreparedMap, normals: np.ndarray, *rest: object) -> np.ndarray:
+        integrated.append(len(normals))
+        return map_transfer(light, normals, *rest)
+
+    monkeypatch.setattr("invrender.transport.transfer.map_transfer", counted)
+    photo = photo_columns(lighting.name, elements, field, shadows=shadows)
+    # Two rays a side and more where the cat curves.
+    assert sum(integrated) < 0.5 * len(field.normals)
+    brdf = Microfacet(np.full(3, 0.1), np.full(3, 0.05), 1.5, 0.12)
+    direct = predict(brdf, elements, np.ones((1, 3)), field, shadows)
+    through = predict_columns(photo, brdf, np.ones((1, 3)))
+    # As of spheres: interpolation in sigma and mu, and no more.
+    assert np.sqrt(np.mean((through - direct) ** 2)) < 5e-4 * np.sqrt(np.mean(direct**2))
 
 
 def test_the_border_of_a_shadow_lights_a_part_of_a_pixel() -> None:
