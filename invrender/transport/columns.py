@@ -145,7 +145,7 @@ def _columns(
             visible = None if shadows is None else shadows.visible(element, part)
 
             means: NDArray[np.floating] = np.zeros((len(part), len(lobes), of_lobe, channels))
-            for light, field_seen, its in by_rays(element, part, visible) if size else []:
+            for light, field_seen, its in _by_rays(element, part, visible) if size else []:
 
                 def gather(
                     light: LightElement, rays: Rays, seen: LightField = field_seen
@@ -173,7 +173,7 @@ def _columns(
     return [found[tabulated[form], base_size(form)] for form in forms]
 
 
-def by_rays(
+def _by_rays(
     element: LightElement, field: LightField, visible: RayVisibility | None
 ) -> list[tuple[LightElement, LightField, RayVisibility | None]]:
     """An element's sources with all rays of samples, and its map with as few as show it; and what these see of it."""

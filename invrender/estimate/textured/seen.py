@@ -16,8 +16,8 @@ from invrender.estimate.clusters import tile_of
 from invrender.estimate.forms import together
 from invrender.estimate.textured.observe import PointObservations
 from invrender.estimate.textured.texel_observations import TexelRows
-from invrender.transport.columns import by_rays, columns_of_forms
-from invrender.transport.predict import reflected_of
+from invrender.transport.columns import columns_of_forms
+from invrender.transport.predict import reflected
 from invrender.transport.reflected import ReflectedMap
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Shadows
@@ -127,14 +127,12 @@ def transfers_of(
 
     prepared : of the only element's map, in place of an integral for each ray.
     """
-    found = np.zeros((2, len(field), 3))
+    strengths = np.ones((len(elements), 3))
+    found = np.empty((2, len(field), 3), np.float32)
     for part in np.array_split(np.arange(len(field)), len(field) // _PIXELS_AT_A_TIME + 1):
         keep = np.zeros(len(field), bool)
         keep[part] = True
         some = field.where(keep)
-        for element in elements:
-            visible = None if shadows is None else shadows.visible(element, some)
-            for light, rays, its in by_rays(element, some, visible):
-                for own, of_rays in zip(found, reflected_of(brdf, light, rays, its, prepared), strict=True):
-                    own[part] += rays.mean_over_rays(of_rays)
-    return found[0].astype(np.float32), found[1].astype(np.float32)
+        rays = reflected(brdf, elements, strengths, some, shadows, prepared)
+        found[:, part] = [some.mean_over_rays(one) for one in rays]
+    return found[0], found[1]
