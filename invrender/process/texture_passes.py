@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -35,7 +36,7 @@ from invrender.estimate.textured.textures import FittedTextures
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import PhotoReader
-from invrender.transport.cached_shader import LOOKUPS_OFF, maps_serve
+from invrender.transport.cached_shader import LOOKUPS_OFF, MANY_RAYS, maps_serve
 from invrender.transport.radiosity import Bounced
 from invrender.transport.reflected import prepared_map
 from invrender.transport.transfer import LightElement, light_elements
@@ -92,15 +93,19 @@ class TextureBench:
     def with_lookups(self, fit: TexturedFit, shown: Sequence[Seen]) -> TextureBench:
         """With prepared maps of the lightings where they are off by little against what the fit leaves.
 
-        shown : what photographs show of some points, of each lighting that was fitted.
+        shown : what photographs show of some points, of each lighting that was fitted. Few rays aren't worth a map.
         """
         tolerance = LOOKUPS_OFF * fit.candidates[fit.chosen].error
         # The last is kept, which is the photograph that shows most.
         fields = {seen.lighting: seen.pixels for seen in sorted(shown, key=lambda seen: len(seen.pixels))}
+        rays: Counter[str] = Counter()
+        for seen in shown:
+            rays[seen.lighting] += len(seen.pixels.ray_sample)
         lookups = frozenset(
             name
             for name, field in fields.items()
-            if len(elements := self.elements[name]) == 1
+            if rays[name] >= MANY_RAYS
+            and len(elements := self.elements[name]) == 1
             and maps_serve(fit.brdf, elements, np.ones((1, 3)), field, self.shadows, tolerance)
         )
         return replace(self, looked_up=lookups)

@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 # Of what photographs differ from the model, the share (RMS) by which lookups may be off: they differ 3% more.
 LOOKUPS_OFF = 0.25
 # Rays from which on preparing a map takes less time than it saves; samples that it is tried out on.
-_MANY, _TRIED = 100_000, 400
+MANY_RAYS, _TRIED = 100_000, 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +53,9 @@ class CachedShader:
 
     def radiance(self, lighting: str, strengths: Floats, samples: LightField) -> Floats:
         """Radiance (n, 3) of samples; strengths : (elements, 3)."""
-        many = len(samples.ray_sample) * self.photos[lighting] >= _MANY
-        if many and self._maps_serve(lighting, strengths):
-            return self._looked_up(lighting, strengths, samples)
-        return self._integrated(lighting, strengths, samples)
+        many = len(samples.ray_sample) * self.photos[lighting] >= MANY_RAYS
+        shown = _looked_up if many and self._maps_serve(lighting, strengths) else predict
+        return shown(self.brdf, self.elements[lighting], strengths, samples, self.shadows)
 
     def _maps_serve(self, lighting: str, strengths: Floats) -> bool:
         with self._trying:
@@ -64,12 +63,6 @@ class CachedShader:
                 shown = self.brdf, self.elements[lighting], strengths, self.fields[lighting], self.shadows
                 self._serve[lighting] = maps_serve(*shown, self.tolerance)
             return self._serve[lighting]
-
-    def _integrated(self, lighting: str, strengths: Floats, samples: LightField) -> Floats:
-        return predict(self.brdf, self.elements[lighting], strengths, samples, self.shadows)
-
-    def _looked_up(self, lighting: str, strengths: Floats, samples: LightField) -> Floats:
-        return _looked_up(self.brdf, self.elements[lighting], strengths, samples, self.shadows)
 
 
 def maps_serve(

@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 _NEAR, _STEPS = 0.003, 30
 # Widths in log sigma and log(mu - 1) that slopes are taken over.
 _WIDTH = 2e-3
-# Places whose transfers are made in one pass over the columns: more would take as much memory as these.
+# Places whose transfers are made in one pass over the columns: those of more would take as much memory as columns do.
 _TOGETHER = 6
 
 

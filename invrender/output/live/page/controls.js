@@ -32,13 +32,12 @@ export function goodExposure(picture, state) {
  */
 function fluent(picture, state) {
   const { canvas } = picture;
-  let wanted = false, drawing = false, coarser = 0, drawn = 0, settling = 0;
+  let wanted = false, drawing = false, coarser = 0, settling = 0;
   const draw = (level) => {
     const ratio = Math.min(window.devicePixelRatio || 1, 2) / Math.SQRT2 ** level, start = performance.now();
     const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(Math.round(side * ratio), 1));
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     picture.draw(state);
-    drawn = level;
     drawing = true;
     wanted = false;
     const wait = () => {
@@ -48,7 +47,7 @@ function fluent(picture, state) {
       else if (took > 1.3 * LONGEST) coarser = Math.min(coarser + 1, COARSEST);
       drawing = false;
       if (wanted) draw(coarser);
-      else if (drawn > 0) settling = setTimeout(() => draw(0), SETTLED);
+      else if (level > 0) settling = setTimeout(() => draw(0), SETTLED);
     };
     requestAnimationFrame(wait);
   };
