@@ -10,6 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+
+# It puts handlers of its own in place for crashes, whose words pytest swallows: pytest's own must come after it.
+import pycolmap  # noqa: F401
 import pytest
 import typer
 

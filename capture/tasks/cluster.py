@@ -37,24 +37,41 @@ class Cluster:
         self._client = connected(address)
 
     def outcomes(self, stage: Stage, items: Sequence[Any]) -> Iterator[Path | Exception]:
-        """As of `Engine`. ValueError where a worker has another version, doesn't see the work, or none comes back."""
+        """As of `Engine`. An item whose workers are killed is tried once more, ahead of all others.
+
+        ValueError where a worker has another version, doesn't see the work, or none comes back.
+        """
+        from distributed.scheduler import KilledWorker
+
         with shared_stage(stage) as shared:
             self._check_workers(shared)
             begun = self._begin(shared, items)
-            for k in range(len(items)):
-                outcome = self._outcome(begun[k])
-                while outcome is None:
-                    # What is done is on disk: workers that get it again return at once.
-                    self._reconnect(shared)
-                    begun |= {k + n: of for n, of in self._begin(shared, items[k:]).items()}
-                    outcome = self._outcome(begun[k])
+            for k, item in enumerate(items):
+                outcome = self._outcome(shared, items, begun, k)
+                if isinstance(outcome, KilledWorker):
+                    # Dask blames those too that wait where another kills the worker: now it waits behind none.
+                    begun[k] = self._client.submit(work, shared, item, pure=False, priority=1)
+                    outcome = self._outcome(shared, items, begun, k)
+                if isinstance(outcome, KilledWorker):
+                    outcome = ValueError(
+                        f"each of the {2 * (outcome.allowed_failures + 1)} workers that had it was killed; workers may"
+                        " lack memory, or the file may be one that a library fails on: leave it out"
+                    )
                 yield outcome
                 del begun[k]
 
-    def _outcome(self, begun: Any) -> Path | Exception | None:
-        """What became of a task; None where the scheduler is gone, and it with it."""
-        from distributed.scheduler import KilledWorker
+    def _outcome(
+        self, shared: Shared, items: Sequence[Any], begun: dict[int, Any], k: int
+    ) -> Path | Exception:
+        """What became of an item, once it is settled; items from it on begin anew where the scheduler was lost."""
+        while (outcome := self._settled(begun[k])) is None:
+            # What is done is on disk: workers that get it again return at once.
+            self._reconnect(shared)
+            begun |= {k + n: of for n, of in self._begin(shared, items[k:]).items()}
+        return outcome
 
+    def _settled(self, begun: Any) -> Path | Exception | None:
+        """What became of a task; None where the scheduler is gone, and it with it."""
         try:
             while begun.status == "pending":
                 with suppress(TimeoutError):
@@ -62,11 +79,6 @@ class Cluster:
                 if begun.status == "pending" and not self._client.scheduler_info()["workers"]:
                     return ValueError(f"the scheduler at {self._address} has lost its workers; start some")
             done: Path = begun.result()
-        except KilledWorker as error:
-            return ValueError(
-                f"each of the {error.allowed_failures + 1} workers that had it was killed; workers may lack memory, or"
-                " the file may be one that a library fails on: leave it out"
-            )
         except Exception as error:
             # The task's own, or of the connection that was lost.
             return error if begun.status == "error" else None
