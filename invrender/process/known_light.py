@@ -42,6 +42,7 @@ from invrender.result.run import Run
 from invrender.result.scores import mean_rms, photo_scores
 from invrender.transport.cached_shader import LOOKUPS_OFF, CachedShader
 from invrender.transport.predict import predict
+from invrender.transport.sphere_rays import SphereRays
 from invrender.transport.transfer import LightElement
 from recon.lighting import stands_clear
 from recon.mesh.bodies import Body, SphereBody
@@ -183,7 +184,8 @@ def _concluded(
     )
 
     def pictured(photo: Photo, field: LightField, binning: int) -> Floats:
-        shown = many.radiance(photo.lighting, strengths[photo.label], field)
+        rays = SphereRays.of(geometry.body, photo.camera)
+        shown = many.radiance(photo.lighting, strengths[photo.label], field, rays)
         return with_bounces(photo, field, shown)
 
     return Run(

@@ -30,6 +30,7 @@ from invrender.result.run import Run
 from invrender.result.scores import mean_rms, photo_scores
 from invrender.transport.cached_shader import LOOKUPS_OFF, CachedShader
 from invrender.transport.predict import predict
+from invrender.transport.sphere_rays import SphereRays
 from invrender.transport.transfer import light_elements
 from recon.sampling.lightfield import LightField
 
@@ -116,7 +117,9 @@ def solve_known_light_as_published(
     )
 
     def pictured(photo: Photo, field: LightField, binning: int) -> Floats:
-        return many.radiance(photo.lighting, np.ones((len(elements[photo.lighting]), 3)), field)
+        strengths = np.ones((len(elements[photo.lighting]), 3))
+        rays = SphereRays.of(geometry.body, photo.camera)
+        return many.radiance(photo.lighting, strengths, field, rays)
 
     solution = replace(solution, lightings=(*solution.lightings, *others))
     return Run(photoset, geometry, solution, fields, residuals, scores, warnings, radiance, pictured)

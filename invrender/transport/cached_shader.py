@@ -1,22 +1,26 @@
 """Radiance of many pixels under known light: what a lobe gathers of a map looked up, where that is as good.
 
 The integral over half-vectors takes some 30 microseconds for each ray and map, what is prepared once
-(`reflected`) some 3; how far that is off depends on the map and on the lobe, and so is tried out.
+(`reflected`) some 3; how far that is off depends on the map and on the lobe, and so is tried out. For pictures of a
+sphere the integral is taken on a grid of its normals (`sphere_rays`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.microfacet import Microfacet
+from invrender.transport.interpolated import InterpolatedLobe
 from invrender.transport.predict import predict
 from invrender.transport.reflected import prepared_map
 from invrender.transport.shading import shade
+from invrender.transport.sphere_rays import SphereRays
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Shadows
 from recon.sampling.lightfield import LightField
@@ -25,6 +29,8 @@ Floats = NDArray[np.float64]
 
 # Of what photographs differ from the model, the share (RMS) by which lookups may be off: they differ 3% more.
 LOOKUPS_OFF = 0.25
+# So many times the tolerance of a picture, grids on a sphere are tried with: lobes alone may be off by more.
+_LOOSER = (64.0, 8.0, 1.0)
 # Rays from which on preparing a map takes less time than it saves; samples that it is tried out on.
 MANY_RAYS, _TRIED = 100_000, 400
 
@@ -44,6 +50,7 @@ class CachedShader:
     shadows: Shadows | None
     tolerance: float
     _serve: dict[str, bool] = field(default_factory=dict, repr=False)
+    _spheres: dict[str, float | None] = field(default_factory=dict, repr=False)
     _trying: Lock = field(default_factory=Lock, repr=False)
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -51,11 +58,27 @@ class CachedShader:
         given = self.brdf, self.elements, self.fields, self.photos, self.shadows, self.tolerance
         return CachedShader, given
 
-    def radiance(self, lighting: str, strengths: Floats, samples: LightField) -> Floats:
-        """Radiance (n, 3) of samples; strengths : (elements, 3)."""
+    def radiance(
+        self, lighting: str, strengths: Floats, samples: LightField, sphere: SphereRays | None = None
+    ) -> Floats:
+        """Radiance (n, 3) of samples; strengths : (elements, 3). sphere : the rays of their picture, if of a sphere."""
+        shown = self.brdf, self.elements[lighting], strengths, samples
+        allowed = None if sphere is None else self._over_sphere(lighting, strengths, samples, sphere)
+        if sphere is not None and allowed is not None:
+            return _of_sphere(*shown, sphere, allowed)
         many = len(samples.ray_sample) * self.photos[lighting] >= MANY_RAYS
-        shown = _looked_up if many and self._maps_serve(lighting, strengths) else predict
-        return shown(self.brdf, self.elements[lighting], strengths, samples, self.shadows)
+        way = _looked_up if many and self._maps_serve(lighting, strengths) else predict
+        return way(*shown, self.shadows)
+
+    def _over_sphere(
+        self, lighting: str, strengths: Floats, samples: LightField, sphere: SphereRays
+    ) -> float | None:
+        """Tolerance of what lobes reflect alone, for grids on a sphere; None where they serve nothing."""
+        with self._trying:
+            if lighting not in self._spheres:
+                shown = self.brdf, self.elements[lighting], strengths
+                self._spheres[lighting] = _sphere_tolerance(*shown, samples, sphere, self.tolerance)
+            return self._spheres[lighting]
 
     def _maps_serve(self, lighting: str, strengths: Floats) -> bool:
         with self._trying:
@@ -79,9 +102,18 @@ def maps_serve(
     """
     if all(prepared_map(brdf, element) is None for element in elements):
         return False
-    some = field.where(np.arange(len(field)) % (len(field) // _TRIED + 1) == 0)
-    exact, other = (of(brdf, elements, strengths, some, shadows) for of in (predict, _looked_up))
-    return bool(np.sum((other - exact) ** 2) <= tolerance**2 * np.sum(exact**2))
+    exact, other = (of(brdf, elements, strengths, _some(field), shadows) for of in (predict, _looked_up))
+    return _off(other, exact) <= tolerance
+
+
+def _some(field: LightField) -> LightField:
+    """Some hundred of the samples, all over."""
+    return field.where(np.arange(len(field)) % (len(field) // _TRIED + 1) == 0)
+
+
+def _off(radiance: Floats, exact: Floats) -> float:
+    """RMS error over the RMS."""
+    return float(np.linalg.norm(radiance - exact) / max(np.linalg.norm(exact), np.finfo(float).tiny))
 
 
 def _looked_up(
@@ -92,4 +124,58 @@ def _looked_up(
     shadows: Shadows | None,
 ) -> Floats:
     parts = (shade(brdf, element, samples, shadows, prepared_map(brdf, element)) for element in elements)
+    return _added(strengths, parts)
+
+
+def _of_sphere(
+    brdf: Microfacet,
+    elements: Sequence[LightElement],
+    strengths: Floats,
+    samples: LightField,
+    sphere: SphereRays,
+    tolerance: float,
+) -> Floats:
+    lobes = (_lobe(brdf, element, tolerance, sphere) for element in elements)
+    parts = (shade(brdf, element, samples, None, lobe) for element, lobe in zip(elements, lobes, strict=True))
+    return _added(strengths, parts)
+
+
+def _added(strengths: Floats, parts: Iterable[Floats]) -> Floats:
     return np.asarray(sum(strength * part for strength, part in zip(strengths, parts, strict=True)))
+
+
+def _sphere_tolerance(
+    brdf: Microfacet,
+    elements: Sequence[LightElement],
+    strengths: Floats,
+    samples: LightField,
+    sphere: SphereRays,
+    tolerance: float,
+) -> float | None:
+    """The widest tolerance of lobes, with which a picture of a sphere is off by one of its own at most.
+
+    None where there are no maps, the lobe isn't isotropic, or integrals ray by ray are fewer.
+    """
+    mapped = any(element.slow_map is not None for element in elements)
+    if brdf.sigma is None or brdf.form.axis is not None or not mapped or tolerance == 0:
+        return None
+    shown = brdf, elements, strengths, _some(samples)
+    exact = predict(*shown)
+    for looser in _LOOSER:
+        lobes = [_lobe(brdf, element, looser * tolerance, sphere) for element in elements]
+        grids = [lobe.over_sphere for lobe in lobes if lobe is not None]
+        if sum(grid.count for grid in grids if grid is not None) > len(samples.ray_sample):
+            return None
+        if _off(_of_sphere(*shown, sphere, looser * tolerance), exact) <= tolerance:
+            return looser * tolerance
+    return None
+
+
+# Threads work on a photograph each, one part of it after another.
+@lru_cache(maxsize=32)
+def _lobe(
+    brdf: Microfacet, element: LightElement, tolerance: float, sphere: SphereRays
+) -> InterpolatedLobe | None:
+    if element.slow_map is None:
+        return None
+    return InterpolatedLobe(brdf, element, tolerance, sphere, finer=False)

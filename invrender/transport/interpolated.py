@@ -4,6 +4,7 @@ Under distant light, what a lobe gathers hangs on the normal and the view alone:
 [RMB07, section 4.5]. So the rays of a picture are looked at over their normals, where the lobe's width is the same all
 over, and not over pixels. There the integral is taken for one ray to a cell, with cells the smaller, the more the last
 ones showed that the interpolation is off. All other rays are interpolated between these nodes (`scattered_cubics`).
+A sphere's have a grid of their own (`sphere_rays`).
 
 What is interpolated is the mean of the map that the lobe takes: what it gathers over what it would gather of uniform
 light, so that Fresnel's factor and 1 / cos theta_o stay exact.
@@ -23,6 +24,7 @@ from invrender.brdf.form import part_width
 from invrender.brdf.microfacet import Microfacet
 from invrender.transport.form_transfer import OneIndex, form_transfer
 from invrender.transport.scattered_cubics import ERROR_ORDER, RayPlaces, ScatteredCubics
+from invrender.transport.sphere_rays import SphereLobe, SphereRays
 from invrender.transport.transfer import LightElement
 
 Floats = NDArray[np.float64]
@@ -42,43 +44,56 @@ _FEW_PER_CELL = 4
 class InterpolatedLobe:
     """A BRDF's lobe under an element's map.
 
-    tolerance : RMS error of what is reflected over its RMS, of a picture; 0 integrates for each ray.
+    tolerance : RMS error of what is reflected over its RMS, of a picture; 0 integrates for each ray. sphere : the rays
+    of the picture, if it is of a sphere. finer : whether the integral takes more half-vectors than fits do.
     """
 
     brdf: Microfacet
     light: LightElement
     tolerance: float
+    sphere: SphereRays | None = None
+    finer: bool = True
 
     # Least exitant cosine that `towards` holds for.
     least_cos = 0.0
 
     def towards(self, normals: Floats, views: Floats) -> Floats:
         """Radiance (m, c) per unit of Ks, Fresnel's factor included; normals, views : (m, 3), unit."""
-        brdf = self.brdf
-        assert brdf.sigma is not None
-        sigma, fresnel = np.array([brdf.sigma]), OneIndex(brdf.mu)
-        white = LightElement("uniform", np.zeros((0, 3)), np.zeros((0, 1)), uniform=1.0)
-
-        def gathered(light: LightElement, normals: Floats, views: Floats) -> Floats:
-            return np.asarray(form_transfer(brdf.form, light, normals, views, sigma, fresnel)[:, 0, 0], float)
-
         if self.tolerance == 0:
-            return gathered(self._mapped, normals, views)
-        factors = [factor for _, factor in brdf.form.parts] or [1.0]
-        width = min(float(part_width(np.array(factor), sigma)[0]) for factor in factors)
-        return interpolated(
-            lambda n, v: gathered(self._mapped, n, v),
-            gathered(white, normals, views)[:, 0],
-            normals,
-            views,
-            width,
-            self.tolerance,
+            return self._integrated(normals, views)
+        if self.over_sphere is not None:
+            return self.over_sphere.towards(normals, views)
+        white = LightElement("uniform", np.zeros((0, 3)), np.zeros((0, 1)), uniform=1.0)
+        uniform = self._gathered(white, normals, views)[:, 0]
+        return interpolated(self._integrated, uniform, normals, views, self._width, self.tolerance)
+
+    def _integrated(self, normals: Floats, views: Floats) -> Floats:
+        return self._gathered(self._mapped, normals, views)
+
+    def _gathered(self, light: LightElement, normals: Floats, views: Floats) -> Floats:
+        sigma, fresnel = np.array([self.brdf.sigma], float), OneIndex(self.brdf.mu)
+        return np.asarray(
+            form_transfer(self.brdf.form, light, normals, views, sigma, fresnel)[:, 0, 0], float
         )
+
+    @property
+    def _width(self) -> float:
+        """Of the lobe's narrowest part, radians."""
+        factors = [factor for _, factor in self.brdf.form.parts] or [1.0]
+        sigma = np.array([self.brdf.sigma], float)
+        return min(float(part_width(np.array(factor), sigma)[0]) for factor in factors)
+
+    @cached_property
+    def over_sphere(self) -> SphereLobe | None:
+        """The same for a sphere's rays, if there is one."""
+        if self.sphere is None:
+            return None
+        return SphereLobe(self.sphere, self._integrated, self._width, self.brdf.mu, self.tolerance)
 
     @cached_property
     def _mapped(self) -> LightElement:
         # All parts of a picture share what is made ready of the map.
-        return replace(self.light.without_sources, finer=True)
+        return replace(self.light.without_sources, finer=self.finer)
 
 
 def interpolated(

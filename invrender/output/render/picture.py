@@ -17,6 +17,7 @@ from invrender.result.saved_textures import SavedTextures
 from invrender.transport.interpolated import InterpolatedLobe
 from invrender.transport.radiosity import Bounced
 from invrender.transport.shading import shade, shade_with_slopes
+from invrender.transport.sphere_rays import SphereRays
 from invrender.transport.transfer import LightElement
 from recon.mesh.bodies import Body, body_window
 from recon.sampling.draw import NO_SOURCES, samples_at
@@ -104,6 +105,10 @@ def take_picture(
     count = (bottom - top) * (right - left)
     mapped = element.slow_map is not None and reflectance.brdf.form.axis is None and not with_std
     reflected = InterpolatedLobe(reflectance.brdf, element, tolerance) if mapped else None
+    if reflected is not None and tolerance:
+        of_sphere = replace(reflected, sphere=SphereRays.of(subject.body, camera))
+        if of_sphere.over_sphere is not None and of_sphere.over_sphere.count < count:
+            reflected = of_sphere
     exact = InterpolatedLobe(reflectance.brdf, element, 0.0)
     seen, tried = False, []
     for start in range(0, count, _PIXELS_AT_A_TIME):
