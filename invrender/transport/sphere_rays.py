@@ -2,7 +2,7 @@
 
 Under distant light what a lobe gathers hangs on the normal and the view alone [RMB07, section 4.5]. All rays from a
 camera to a sphere are a family of two numbers, the turn of the normal from the camera's direction and the azimuth about
-it. Over normals, a lobe's reflection changes as fast as the lobe is wide, under any map; so an even grid serves.
+it. Over normals, what is reflected of any map changes over no less than the lobe's width; so an even grid serves.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
-from scipy.signal import resample
 
 from capture.camera import Camera
 from invrender.brdf.fresnel import normalised_fresnel
@@ -57,6 +56,8 @@ class SphereRays:
             return None
         way = -camera.camera_to_world[:3, 2] if camera.is_orthographic else camera.centre - body.centre
         distance = float(np.linalg.norm(way))
+        if not camera.is_orthographic and distance <= body.sphere.radius:
+            return None
         x, y, z = (way / distance).tolist()
         return SphereRays((x, y, z), 0.0 if camera.is_orthographic else body.sphere.radius / distance)
 
@@ -113,7 +114,8 @@ class SphereLobe:
     @cached_property
     def _outline(self) -> float:
         """Turn of the last ring, radians, where views have the least exitant cosine."""
-        return float(np.arccos(self.rays.closeness)) - _LEAST_COS
+        outline = float(np.arccos(self.rays.closeness))
+        return max(outline - _LEAST_COS, outline / 2)
 
     def _rings_beyond(self, turn: Floats) -> Floats:
         """How many rings lie between turns and the outline, not only whole ones; none beyond it."""
@@ -141,7 +143,7 @@ class SphereLobe:
 
     def _factor(self, normals: Floats, views: Floats) -> Floats:
         """What makes the reflection change fast near grazing, (m,): splines leave it out."""
-        cos = (normals * views).sum(axis=1)
+        cos = np.maximum((normals * views).sum(axis=1), 1e-6)
         return np.asarray(normalised_fresnel(self.mu, cos) / cos)
 
     @cached_property
@@ -155,7 +157,10 @@ class SphereLobe:
         views = self.rays.views(normals)
         values = self.integral(normals, views) / self._factor(normals, views)[:, None]
         rings = np.split(values, np.cumsum(self._nodes)[:-1])
-        grid = np.stack([resample(ring, self._sectors) for ring in rings]).transpose(2, 0, 1)
+        # Fourier's series of each ring, at all sectors.
+        series = [np.fft.rfft(ring, axis=0, norm="forward") for ring in rings]
+        grid = np.stack([np.fft.irfft(own, self._sectors, axis=0, norm="forward") for own in series])
+        grid = grid.transpose(2, 0, 1)
         # Across the middle lies the other side; beyond the outline slopes go on.
         before = np.roll(grid[:, _BEYOND:0:-1], self._sectors // 2, axis=2)
         grid = np.concatenate([before, grid], axis=1)
