@@ -103,7 +103,8 @@ def take_picture(
     )
     top, left, bottom, right = body_window(subject.body, camera)
     count = (bottom - top) * (right - left)
-    mapped = element.slow_map is not None and reflectance.brdf.form.axis is None and not with_std
+    glossy = reflectance.brdf.sigma is not None and reflectance.brdf.form.axis is None
+    mapped = glossy and element.slow_map is not None and not with_std
     reflected = InterpolatedLobe(reflectance.brdf, element, tolerance) if mapped else None
     if reflected is not None and tolerance:
         of_sphere = replace(reflected, sphere=SphereRays.of(subject.body, camera))
