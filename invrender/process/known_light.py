@@ -178,6 +178,7 @@ def _concluded(
         elements,
         # The last is kept, which is the photograph with the most samples.
         {photo.lighting: fields[photo.label] for photo in by_samples},
+        {photo.lighting: SphereRays.of(geometry.body, photo.camera) for photo in by_samples},
         Counter(photo.lighting for photo in photoset.photos),
         geometry.shadows,
         LOOKUPS_OFF * (mean_rms(scores, held_out=False) or 0.0),

@@ -111,6 +111,7 @@ def solve_known_light_as_published(
         brdf,
         elements,
         {photo.lighting: fields[photo.label] for photo in photoset.photos},
+        {photo.lighting: SphereRays.of(geometry.body, photo.camera) for photo in photoset.photos},
         Counter(photo.lighting for photo in photoset.photos),
         geometry.shadows,
         LOOKUPS_OFF * (mean_rms(scores, held_out=False) or 0.0),

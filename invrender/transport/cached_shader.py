@@ -39,46 +39,71 @@ MANY_RAYS, _TRIED = 100_000, 400
 class CachedShader:
     """Pictures of an object of one BRDF under lightings, by name, whose elements have known strengths.
 
-    fields : some samples of each lighting. photos : how many pictures there will be under each. tolerance : relative
-    RMS by which they may be off what `predict` yields.
+    fields : some samples of each lighting. spheres : the rays of the photograph that they are of, if it is of a sphere.
+    photos : how many pictures there will be under each. tolerance : relative RMS by which they may be off what
+    `predict` yields.
     """
 
     brdf: Microfacet
     elements: Mapping[str, Sequence[LightElement]]
     fields: Mapping[str, LightField]
+    spheres: Mapping[str, SphereRays | None]
     photos: Mapping[str, int]
     shadows: Shadows | None
     tolerance: float
     _serve: dict[str, bool] = field(default_factory=dict, repr=False)
-    _spheres: dict[str, float | None] = field(default_factory=dict, repr=False)
+    _allowed: dict[str, float | None] = field(default_factory=dict, repr=False)
     _trying: Lock = field(default_factory=Lock, repr=False)
 
     def __reduce__(self) -> tuple[object, ...]:
         # Its lock is of this process.
-        given = self.brdf, self.elements, self.fields, self.photos, self.shadows, self.tolerance
+        given = self.brdf, self.elements, self.fields, self.spheres, self.photos, self.shadows, self.tolerance
         return CachedShader, given
 
     def radiance(
         self, lighting: str, strengths: Floats, samples: LightField, sphere: SphereRays | None = None
     ) -> Floats:
         """Radiance (n, 3) of samples; strengths : (elements, 3). sphere : the rays of their picture, if of a sphere."""
-        shown = self.brdf, self.elements[lighting], strengths, samples
-        allowed = None if sphere is None else self._over_sphere(lighting, strengths, samples, sphere)
-        if sphere is not None and allowed is not None:
-            return _of_sphere(*shown, sphere, allowed)
+        tolerance = None if sphere is None else self._grids_serve(lighting, strengths)
+        if sphere is not None and tolerance is not None:
+            lobes = self._lobes(lighting, sphere, tolerance)
+            # Integrals ray by ray may be fewer.
+            if sum(lobe.over_sphere.count for lobe in lobes if lobe and lobe.over_sphere) <= len(
+                samples.ray_sample
+            ):
+                return self._over_grids(lighting, strengths, samples, lobes)
+        shown = self.brdf, self.elements[lighting], strengths, samples, self.shadows
         many = len(samples.ray_sample) * self.photos[lighting] >= MANY_RAYS
-        way = _looked_up if many and self._maps_serve(lighting, strengths) else predict
-        return way(*shown, self.shadows)
+        return (_looked_up if many and self._maps_serve(lighting, strengths) else predict)(*shown)
 
-    def _over_sphere(
-        self, lighting: str, strengths: Floats, samples: LightField, sphere: SphereRays
-    ) -> float | None:
-        """Tolerance of what lobes reflect alone, for grids on a sphere; None where they serve nothing."""
+    def _grids_serve(self, lighting: str, strengths: Floats) -> float | None:
+        """The widest tolerance of what lobes reflect alone that keeps a picture within its own; None if none does."""
         with self._trying:
-            if lighting not in self._spheres:
-                shown = self.brdf, self.elements[lighting], strengths
-                self._spheres[lighting] = _sphere_tolerance(*shown, samples, sphere, self.tolerance)
-            return self._spheres[lighting]
+            if lighting not in self._allowed:
+                self._allowed[lighting] = self._tried_on_grids(lighting, strengths)
+            return self._allowed[lighting]
+
+    def _tried_on_grids(self, lighting: str, strengths: Floats) -> float | None:
+        sphere, brdf, elements = self.spheres[lighting], self.brdf, self.elements[lighting]
+        mapped = any(element.slow_map is not None for element in elements)
+        if sphere is None or brdf.sigma is None or brdf.form.axis is not None or not mapped:
+            return None
+        some = _some(self.fields[lighting])
+        exact = predict(brdf, elements, strengths, some)
+        for tolerance in (looser * self.tolerance for looser in _LOOSER if self.tolerance):
+            lobes = self._lobes(lighting, sphere, tolerance)
+            if _off(self._over_grids(lighting, strengths, some, lobes), exact) <= self.tolerance:
+                return tolerance
+        return None
+
+    def _lobes(self, lighting: str, sphere: SphereRays, tolerance: float) -> list[InterpolatedLobe | None]:
+        return [_lobe(self.brdf, element, tolerance, sphere) for element in self.elements[lighting]]
+
+    def _over_grids(
+        self, lighting: str, strengths: Floats, samples: LightField, lobes: Sequence[InterpolatedLobe | None]
+    ) -> Floats:
+        pairs = zip(self.elements[lighting], lobes, strict=True)
+        return _added(strengths, (shade(self.brdf, element, samples, None, lobe) for element, lobe in pairs))
 
     def _maps_serve(self, lighting: str, strengths: Floats) -> bool:
         with self._trying:
@@ -127,48 +152,8 @@ def _looked_up(
     return _added(strengths, parts)
 
 
-def _of_sphere(
-    brdf: Microfacet,
-    elements: Sequence[LightElement],
-    strengths: Floats,
-    samples: LightField,
-    sphere: SphereRays,
-    tolerance: float,
-) -> Floats:
-    lobes = (_lobe(brdf, element, tolerance, sphere) for element in elements)
-    parts = (shade(brdf, element, samples, None, lobe) for element, lobe in zip(elements, lobes, strict=True))
-    return _added(strengths, parts)
-
-
 def _added(strengths: Floats, parts: Iterable[Floats]) -> Floats:
     return np.asarray(sum(strength * part for strength, part in zip(strengths, parts, strict=True)))
-
-
-def _sphere_tolerance(
-    brdf: Microfacet,
-    elements: Sequence[LightElement],
-    strengths: Floats,
-    samples: LightField,
-    sphere: SphereRays,
-    tolerance: float,
-) -> float | None:
-    """The widest tolerance of lobes, with which a picture of a sphere is off by one of its own at most.
-
-    None where there are no maps, the lobe isn't isotropic, or integrals ray by ray are fewer.
-    """
-    mapped = any(element.slow_map is not None for element in elements)
-    if brdf.sigma is None or brdf.form.axis is not None or not mapped or tolerance == 0:
-        return None
-    shown = brdf, elements, strengths, _some(samples)
-    exact = predict(*shown)
-    for looser in _LOOSER:
-        lobes = [_lobe(brdf, element, looser * tolerance, sphere) for element in elements]
-        grids = [lobe.over_sphere for lobe in lobes if lobe is not None]
-        if sum(grid.count for grid in grids if grid is not None) > len(samples.ray_sample):
-            return None
-        if _off(_of_sphere(*shown, sphere, looser * tolerance), exact) <= tolerance:
-            return looser * tolerance
-    return None
 
 
 # Threads work on a photograph each, one part of it after another.

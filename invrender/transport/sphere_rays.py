@@ -28,7 +28,8 @@ Integral = Callable[[Floats, Floats], Floats]
 # A grid's spacing in widths of the lobe, and the tolerance that it is for: cubics are off by its fourth power.
 _SPACING, _FOR_TOLERANCE, _ORDER = 0.5, 0.005, 4
 _LEAST_SPACING, _MOST_SPACING = 0.2, 1.1
-# Rings are as far apart, but closer within some radians of the outline: so many more for each e times as near to it.
+# Towards the outline rings lie closer: so many more for each time that the distance from it falls to 1/e, down to the
+# second number, radians.
 _MORE, _OUTLINE = 2.0, 0.02
 # Rows and columns by which a grid is continued beyond its ends: a cubic spline forgets what lies further off.
 _BEYOND = 8
@@ -54,12 +55,15 @@ class SphereRays:
         """Of a camera that looks at a body from outside, if that is a sphere."""
         if not isinstance(body, SphereBody):
             return None
-        way = -camera.camera_to_world[:3, 2] if camera.is_orthographic else camera.centre - body.centre
-        distance = float(np.linalg.norm(way))
-        if not camera.is_orthographic and distance <= body.sphere.radius:
+        if camera.is_orthographic:
+            x, y, z = (-camera.camera_to_world[:3, 2]).tolist()
+            return SphereRays((x, y, z), 0.0)
+        if body.clearance(camera.centre) <= 0:
             return None
+        way = camera.centre - body.centre
+        distance = float(np.linalg.norm(way))
         x, y, z = (way / distance).tolist()
-        return SphereRays((x, y, z), 0.0 if camera.is_orthographic else body.sphere.radius / distance)
+        return SphereRays((x, y, z), body.sphere.radius / distance)
 
     def views(self, normals: Floats) -> Floats:
         """Unit views (m, 3) from where the sphere has unit normals, (m, 3)."""

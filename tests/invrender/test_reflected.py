@@ -84,7 +84,9 @@ def test_pictures_look_lobes_up_only_as_far_as_that_is_as_good(bench: SimpleName
 
     def pictured(tolerance: float, photos: int = 100_000) -> np.ndarray:
         counts = {"room": photos}
-        many = CachedShader(brdf, {"room": elements}, {"room": field}, counts, None, tolerance)
+        many = CachedShader(
+            brdf, {"room": elements}, {"room": field}, {"room": None}, counts, None, tolerance
+        )
         return many.radiance("room", strengths, field)
 
     near = pictured(0.01)

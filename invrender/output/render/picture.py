@@ -107,9 +107,10 @@ def take_picture(
     mapped = glossy and element.slow_map is not None and not with_std
     reflected = InterpolatedLobe(reflectance.brdf, element, tolerance) if mapped else None
     if reflected is not None and tolerance:
-        of_sphere = replace(reflected, sphere=SphereRays.of(subject.body, camera))
-        if of_sphere.over_sphere is not None and of_sphere.over_sphere.count < count:
-            reflected = of_sphere
+        # On a sphere a grid serves, unless a narrow lobe asks for one of more nodes than there are pixels.
+        gridded = replace(reflected, sphere=SphereRays.of(subject.body, camera))
+        if gridded.over_sphere is not None and gridded.over_sphere.count < count:
+            reflected = gridded
     exact = InterpolatedLobe(reflectance.brdf, element, 0.0)
     seen, tried = False, []
     for start in range(0, count, _PIXELS_AT_A_TIME):
