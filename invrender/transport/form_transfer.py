@@ -34,7 +34,7 @@ from invrender.transport.half_vectors import (
     mirror_ring,
     ring_weights,
 )
-from invrender.transport.transfer import LightElement, specular_transfer
+from invrender.transport.transfer import LightElement, exitant_grid, specular_transfer
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -257,10 +257,7 @@ def _uniform_table(
     forms: Sequence[LobeForm], sigmas: Sequence[float], fresnel: FresnelFunctions
 ) -> tuple[Floats, Singles]:
     """Transfer of unit uniform light against the exitant cosine: (grid,), (grid, forms, k, sigmas, 1)."""
-    # Closer towards grazing, where Fresnel's factor rises.
-    grid = 0.04 + 0.96 * np.linspace(0, 1, 193) ** 2
-    views = np.stack([np.sqrt(1 - grid**2), np.zeros_like(grid), grid], axis=-1)
-    normals = np.broadcast_to([0.0, 0.0, 1.0], views.shape)
+    grid, normals, views = exitant_grid()
     return grid, _map_transfer(forms, _white(), normals, views, np.array(sigmas), fresnel)
 
 

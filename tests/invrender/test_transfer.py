@@ -93,13 +93,15 @@ def test_diffuse_part_of_a_map_is_its_irradiance(rng):
 
 @pytest.mark.parametrize("sigma", [SIGMA_RANGE[0], 0.12, 0.3, SIGMA_RANGE[1]])
 def test_uniform_light_is_a_map_of_ones_and_the_integral(sigma: float, rng):
-    normals, views = surface_points(rng, np.linspace(0.15, 1, 200))
+    # Just inside of an outline the lobe sends most, and a table must say how much.
+    grazing = [0.01, 0.02, 0.05] if sigma > 0.01 else []
+    normals, views = surface_points(rng, np.concatenate([grazing, np.linspace(0.15, 1, 200 - len(grazing))]))
     expected = reflected_radiance(mirror_lobe(sigma), [UNIFORM], [], normals, views, order=40)[:, :1]
     ones = LightElement("known", np.zeros((0, 3)), np.zeros((0, 1)), np.ones((64, 128, 1), np.float32))
     for element in (AMBIENT, ones):
         found = specular_transfer(element, normals, views, np.array([sigma]))[:, 0]
         # Rings cut by the horizon, as above.
-        tolerance = 4e-3 if sigma < 0.5 else 1e-2
+        tolerance = 6e-3 if sigma < 0.5 else 1e-2
         assert_allclose(found, expected, rtol=tolerance, equal_nan=False)
     assert_allclose(diffuse_transfer(AMBIENT, normals), np.full((200, 1), np.pi), rtol=1e-12)
     assert_allclose(diffuse_transfer(ones, normals), np.full((200, 1), np.pi), rtol=1e-3)
