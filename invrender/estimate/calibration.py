@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from recon.displacement.rays import (
     SeenBody,
     lens_motion,
     mesh_motion,
+    picture_shift,
     pose_motion,
     ray_change,
     sphere_motion,
@@ -118,7 +119,9 @@ class WeighedPhoto:
     """Some of a photograph's samples, and how much each counts in a fit's p numbers.
 
     weighted : per channel (n, p), derivatives of their radiance times weights. radiance : of the samples' rays under
-    the lighting, whose elements have these strengths, (elements, 3).
+    the lighting, whose elements have these strengths, (elements, 3). texture : (n, 3, 2), by how much the samples'
+    radiance changes over a pixel of the picture, to the right and down, because the surface does; None where it is the
+    same all over.
     """
 
     label: str
@@ -128,6 +131,8 @@ class WeighedPhoto:
     weighted: Sequence[Floats]
     radiance: PhotoRadiance
     strengths: Floats
+    _: KW_ONLY
+    texture: Floats | None = None
 
     def score(self, change: Floats) -> Floats:
         """Of a change (n, 3) of the samples' radiance, (p,)."""
@@ -147,11 +152,15 @@ class WeighedPhoto:
 
     def moved(self, motion: Motion) -> Floats:
         """By how much the samples (n, 3) change as the scene moves, to first order."""
-        return self.followed(ray_change(self.field, self.scene, motion))
+        return self.followed(ray_change(self.field, self.scene, motion), motion)
 
-    def followed(self, change: RayChange) -> Floats:
-        """By how much the samples (n, 3) change with their rays, to first order."""
-        return np.asarray(self.field.mean_over_rays(self.radiance.slopes.change(change)))
+    def followed(self, change: RayChange, motion: Motion) -> Floats:
+        """By how much the samples (n, 3) change with their rays, which a motion moves, to first order."""
+        shaded = np.asarray(self.field.mean_over_rays(self.radiance.slopes.change(change)))
+        if self.texture is None:
+            return shaded
+        shift = self.field.mean_over_rays(picture_shift(self.field, self.scene, motion))
+        return shaded - np.einsum("ncx,nx->nc", self.texture, shift)
 
     def curved(self, changes: Sequence[RayChange]) -> Floats:
         """The mean (n, 3) of what independent errors change to second order: they smear highlights.
@@ -253,7 +262,7 @@ def _add_cameras(
             for k in own:
                 together = motion if sphere is None else _after(motion, sphere_motion(shift))
                 found_changes[k].append(ray_change(photos[k].field, photos[k].scene, together))
-                changes[k] = photos[k].followed(found_changes[k][-1])
+                changes[k] = photos[k].followed(found_changes[k][-1], together)
             tally.add(cause, changes)
         second = nothing.copy()
         for k, of_errors in found_changes.items():

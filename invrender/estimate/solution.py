@@ -130,7 +130,7 @@ def solution_of(
         cause: found.response @ columns @ columns.T @ found.response.T
         for cause, columns in (scores or {}).items()
     }
-    parts = {**_unexplained(parts, stated), **stated}
+    parts = {**unexplained(parts, stated), **stated}
     covariance = np.asarray(sum(parts.values()))
     std = np.sqrt(np.diag(covariance))
     fields, degree = [photo.field for photo in photos], lighting_degree(lightings)
@@ -162,7 +162,7 @@ def solution_of(
     )
 
 
-def _unexplained(parts: Mapping[str, Floats], stated: Mapping[str, Floats]) -> dict[str, Floats]:
+def unexplained(parts: Mapping[str, Floats], stated: Mapping[str, Floats]) -> dict[str, Floats]:
     """Covariances by cause, of which stated errors of calibration explain some: what they do isn't counted twice.
 
     Poses that are off leave residuals that repeat and outlines that disagree. Of what these imply only the excess over

@@ -122,8 +122,12 @@ class TextureBench:
 
 @dataclass(frozen=True, eq=False)
 class PointSubset:
-    """What photographs show of some of the points, and of each some pixels to report residuals of, by its label."""
+    """What photographs show of some of the points, and of each some pixels to report residuals of, by its label.
 
+    numbers : (n,), of the points among all.
+    """
+
+    numbers: Ints
     points: SurfacePoints
     shown: Sequence[Seen]
     rows: Sequence[TexelRows]
@@ -176,7 +180,7 @@ def first_pass(
         if found is not None:
             shown.append(found[0])
             rows.append(found[1])
-    return PointSubset(subset, shown, rows, fields)
+    return PointSubset(chosen, subset, shown, rows, fields)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ from invrender.brdf.form import LobeForm
 from invrender.estimate.interreflection.textured import CorrectedTextures, correct_textures
 from invrender.estimate.known_scale import given_scale
 from invrender.estimate.solution import Solution
+from invrender.estimate.textured.calibration import moved_by_calibration, moves_any
 from invrender.estimate.textured.colors import color_shares
 from invrender.estimate.textured.fit import FIT_STEPS, TexturedFit, fit_textured
 from invrender.estimate.textured.layout import SurfacePoints, find_layout
@@ -96,28 +97,36 @@ def solve_textured(
         bench = replace(bench, bounced=accounted.bounced)
     with clock.on("invrender"):
         bench = bench.with_lookups(fit, subset.shown)
-    fields = subset.fields
+    fields, numbers = subset.fields, subset.numbers
+    # What photographs show takes memory. In recovered light, which errors of calibration move, too, they don't count.
+    shown = subset.shown if recovered is None and moves_any(photoset.errors, lightings) else ()
     del subset
     release_memory()
     asked = footprint(photoset, body), photoset.object.texture_pixels
     textures, dark = second_pass(bench, photoset.fitted, layout, fit, *asked, clock, track)
     _check_any(photoset, textures)
-    unsure, open_to = np.zeros(6), recovered or accounted
+    unsure, open_to = dict[str, Floats](), recovered or accounted
     if open_to is not None:
         shares = open_to.unsure_at(layout.points)
         textures = textures.less_sure(shares)
         if recovered is not None:
             textures = textures.only(np.asarray(shares[:, :3].max(axis=1) < _UNSURE))
             _check_any(photoset, textures)
-        unsure = textures.mean(shares)
+        unsure["bounced_light" if recovered is None else "recovered_light"] = textures.mean(shares)
     if photoset.errors.color is not None:
         shares = color_shares(photoset.errors.color, textures, lightings.values())
         textures = textures.less_sure(shares)
-        unsure = np.hypot(unsure, textures.mean(shares))
+        unsure["color"] = textures.mean(shares)
+    moved: Mapping[str, Floats] = {}
+    if shown:
+        weights = (textures.known * layout.areas)[numbers]
+        given = photoset.fitted, shown, body, photoset.errors, lightings, bench.shadows
+        with clock.on("invrender"):
+            moved = moved_by_calibration(fit, weights, *given)
 
     pictures = TexturedPictures(bench, body, fit.brdf, textures)
     fields, residuals = _residuals(photoset, fields, pictures.radiance)
-    solution = textured_solution(photoset, lightings, fit, textures, fields, residuals, unsure)
+    solution = textured_solution(photoset, lightings, fit, textures, fields, residuals, unsure, moved)
     if recovered is not None:
         solution = recovered.in_gauge(solution)
     warnings = (

@@ -315,4 +315,9 @@ def _widened(quantity: Quantity, first: Quantity | None, std: float) -> Quantity
     """mu or sigma with what is not known of the light; undetermined where that and all else was found."""
     if first is not None and first.status == "undetermined" and std:
         return first
-    return quantity if quantity.std is None else replace(quantity, std=np.hypot(quantity.std, std))
+    if quantity.std is None:
+        return quantity
+    before = float(np.mean(quantity.std**2))
+    variances = {cause: np.array([share * before]) for cause, share in quantity.shares.items()}
+    variances["recovered_light"] = variances.get("recovered_light", np.zeros(1)) + std**2
+    return replace(quantity, std=np.hypot(quantity.std, std)).with_shares(variances)

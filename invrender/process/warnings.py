@@ -49,7 +49,8 @@ def find_warnings(
     numbers = solution.quantities.values()
     if photoset.errors.stated and not any(number.shares.keys() & CALIBRATION.keys() for number in numbers):
         warnings.append(
-            "Error bars don't hold what [uncertainty] states: only `process` of an object of one BRDF carries it."
+            "Error bars don't hold what [uncertainty] states: only `process` carries it, without --published, and for"
+            " textures under known light alone."
         )
     candidate = solution.model
     if candidate.error > POOR and published:

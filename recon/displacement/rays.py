@@ -49,6 +49,12 @@ class SeenBody:
     body: Body
     placed: Floats | None = None
 
+    def pictured(self, positions: Floats) -> Floats:
+        """Where the picture shows points of the body (m, 3), which moves with it: pixels (m, 2)."""
+        if self.placed is not None:
+            positions = positions @ self.placed[:3, :3].T + self.placed[:3, 3]
+        return self.camera.project(positions)
+
     def seen(self, pixels: Floats) -> tuple[NDArray[np.bool_], Floats, Floats, Floats]:
         """Whether rays through image points meet the body, and normals, views and positions (m, 3) there."""
         if self.placed is None:
@@ -71,7 +77,33 @@ def ray_change(field: LightField, here: SeenBody, motion: Motion) -> RayChange:
     """
     pixels = here.camera.project(field.positions)
     size = _step(field, here, motion(here, 1.0))
-    (met_before, *less), (met_after, *more) = (motion(here, way * size).seen(pixels) for way in (-1, 1))
+    before, after = (motion(here, way * size).seen(pixels) for way in (-1, 1))
+    return _change(field, here.body, before, after, size)
+
+
+def pixel_change(field: LightField, here: SeenBody, way: Floats) -> RayChange:
+    """By how much rays' geometry changes over a pixel of the picture; way : (2,) unit, to the right and down.
+
+    Of rays at the body's outline, or that go on to another part of it, nothing changes.
+    """
+    pixels = here.camera.project(field.positions)
+    before, after = (here.seen(pixels + end * _STEP_PX * way) for end in (-1, 1))
+    return _change(field, here.body, before, after, _STEP_PX)
+
+
+def picture_shift(field: LightField, here: SeenBody, motion: Motion) -> Floats:
+    """By how many pixels (m, 2) what rays meet moves in the picture, to first order, with an error of the scene."""
+    before, after = (motion(here, way).pictured(field.positions) for way in (-1, 1))
+    return (after - before) / 2
+
+
+# What rays meet: whether the body, normals, views, positions.
+_Met = tuple[NDArray[np.bool_], Floats, Floats, Floats]
+
+
+def _change(field: LightField, body: Body, lower: _Met, upper: _Met, size: float) -> RayChange:
+    """Differences per unit, of rays that meet the body on either side of a step of such a size."""
+    (met_before, *less), (met_after, *more) = lower, upper
     steps = [(after - before) / (2 * size) for before, after in zip(less, more, strict=True)]
     # Before and after, a ray goes as far on one surface.
     before, after = field.positions - less[2], more[2] - field.positions
@@ -79,7 +111,7 @@ def ray_change(field: LightField, here: SeenBody, motion: Motion) -> RayChange:
     kept = (
         met_before
         & met_after
-        & (uneven <= _UNEVEN * np.linalg.norm(after + before, axis=1) + _SAME * here.body.size)
+        & (uneven <= _UNEVEN * np.linalg.norm(after + before, axis=1) + _SAME * body.size)
     )
     return RayChange(*(np.where(kept[:, None], step, 0.0) for step in steps))
 
@@ -132,10 +164,7 @@ def mesh_motion(error: Floats) -> Motion:
 def _step(field: LightField, here: SeenBody, there: SeenBody) -> float:
     """The share of an error that moves what is seen by about `_STEP_PX` pixels; 1 at most."""
     few = field.positions[:: max(len(field.positions) // 50, 1)]
-    camera = there.camera
-    if there.placed is not None:
-        camera = camera.posed(camera.world_to_camera @ there.placed)
-    shift = camera.project(few) - here.camera.project(few)
+    shift = there.pictured(few) - here.camera.project(few)
     if isinstance(there.body, SphereBody) and isinstance(here.body, SphereBody):
         centres = there.body.centre - here.body.centre, there.body.size - here.body.size
         shift = shift + here.body.sphere.pixel_radius(here.camera) * (

@@ -24,8 +24,10 @@ from invrender.estimate.forms import beside
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import NoiseModel, fit_noise, photo_weights
 from invrender.estimate.search import OTHER_FORMS
+from invrender.estimate.textured.influence import RowInfluence, influence_of
 from invrender.estimate.textured.search import (
     LADDER,
+    SolvedPoints,
     TexturedModel,
     cost_at,
     numbers_at,
@@ -33,7 +35,7 @@ from invrender.estimate.textured.search import (
     solved,
     textured_models,
 )
-from invrender.estimate.textured.texel_equations import common_ks
+from invrender.estimate.textured.texel_equations import PointValues, common_ks
 from invrender.estimate.textured.texel_observations import TexelObservations, TexelRows
 
 Floats = NDArray[np.float64]
@@ -61,18 +63,20 @@ InForms = Callable[[Sequence[LobeForm], NDArray[np.bool_]], Mapping[LobeForm, Se
 class TexturedFit:
     """What a subset of the points says of the whole.
 
-    candidates, chosen : the ladder; an estimate's Kd and Ks are means over the points. covariance, fragility : of the
-    logarithms of sigma and mu - 1, as far as the chosen model has them; as of `uncertainty.Uncertainty`.
-    common_ks, common_ks_std : (3,), of all points where Ks doesn't vary.
+    candidates, chosen : the ladder; an estimate's Kd and Ks are means over the points. covariances, fragility : of the
+    logarithms of sigma and mu - 1, as far as the chosen model has them, (k, k) by cause; as of
+    `uncertainty.Uncertainty`. common_ks, common_ks_std : (3,), of all points where Ks doesn't vary. rows : what moves
+    all these.
     """
 
     candidates: tuple[Candidate, ...]
     chosen: int
     noise: NoiseModel
-    covariance: Floats
+    covariances: Mapping[str, Floats]
     fragility: Floats
     common_ks: Floats
     common_ks_std: Floats
+    rows: RowInfluence
 
     @property
     def model(self) -> TexturedModel:
@@ -119,10 +123,12 @@ def fit_textured(
     ks = ks_std = np.zeros(3)
     if model.specular and not model.ks_varies:
         ks, ks_std = common_ks(stack.sums(numbers_at(model, point)))
-    covariance, fragility = _uncertainty(model, stack, point)
-    if apart is not None:
-        covariance = covariance + np.diag(apart[: len(point)] ** 2)
-    return TexturedFit(candidates, chosen, climbed.noise, covariance, fragility, ks, ks_std)
+    found = _uncertainty(model, stack, point)
+    forms = np.zeros(len(point)) if apart is None else apart[: len(point)]
+    covariances = {"noise": found.noise, "misfit": found.misfit, "forms": np.diag(forms**2)}
+    return TexturedFit(
+        candidates, chosen, climbed.noise, covariances, found.fragility, ks, ks_std, found.influence
+    )
 
 
 def richest_fit(
@@ -332,30 +338,40 @@ def _parameters(model: TexturedModel, points: int) -> int:
     return 3 * points * (1 + model.ks_varies) + 3 * common + model.specular + model.fresnel
 
 
-def _uncertainty(model: TexturedModel, stack: TexelObservations, point: Floats) -> tuple[Floats, Floats]:
-    """Covariance (k, k) and fragility (k,) of the search's coordinates, as `uncertainty.uncertainty_of` has them.
+@dataclass(frozen=True, eq=False)
+class _Spread:
+    """Covariances (k, k) of the search's coordinates, by noise and what misfit adds to it; fragility (k,)."""
+
+    noise: Floats
+    misfit: Floats
+    fragility: Floats
+    influence: RowInfluence
+
+
+def _uncertainty(model: TexturedModel, stack: TexelObservations, point: Floats) -> _Spread:
+    """How sure the search's coordinates are, as `uncertainty.uncertainty_of` has it, and what moves them.
 
     All points' own numbers are solved for anew as the coordinates move: what is left of the residuals' slopes is what
     depends on these alone. Clusters are tiles of photographs.
     """
     size = len(point)
+    here = SolvedPoints.of(model, stack, point)
     if not size:
-        return np.zeros((0, 0)), np.zeros(0)
+        none = np.zeros((0, 0))
+        return _Spread(none, none, np.zeros(0), influence_of(here, np.zeros((len(stack.at), 3, 0)), []))
     root = np.sqrt(stack.weight)
 
-    def predicted(at: Floats) -> Floats:
-        numbers = numbers_at(model, at)
-        return stack.predicted(solved(model, stack.sums(numbers)), numbers) * root
+    def solved_at(at: Floats) -> tuple[Floats, PointValues]:
+        there = SolvedPoints.of(model, stack, at)
+        return there.predicted * root, there.values
 
-    centre = predicted(point)
-    slopes = []
-    for axis in range(size):
-        step = _STEP * np.eye(size)[axis]
-        slopes.append((predicted(point + step) - predicted(point - step)) / (2 * _STEP))
+    slopes, ends = [], []
+    for axis in _STEP * np.eye(size):
+        (more, above), (less, below) = solved_at(point + axis), solved_at(point - axis)
+        slopes.append((more - less) / (2 * _STEP))
+        ends.append((below, above, 2 * _STEP))
     jacobian = np.stack(slopes, axis=-1)  # (rows, 3, k)
-    residual = stack.radiance * root - centre
-    values = solved(model, stack.sums(numbers_at(model, point)))
-    freedom = 3 * float(np.maximum(values.freedom, 0).sum())
+    residual, freedom = here.residual * root, 3 * float(np.maximum(here.values.freedom, 0).sum())
     reduced = float((residual**2).sum()) / max(freedom, 1)
     # A prior: what the photographs don't touch would have an infinite variance, and drag the other with it.
     inverse = np.linalg.inv(np.einsum("rci,rcj->ij", jacobian, jacobian) / reduced + np.eye(size))
@@ -366,4 +382,6 @@ def _uncertainty(model: TexturedModel, stack: TexelObservations, point: Floats) 
         return np.sqrt(((by_tile @ inverse) ** 2).sum(axis=0))
 
     wider = np.maximum(pull(residual) / np.sqrt(np.diag(inverse)), 1)
-    return inverse * np.outer(wider, wider), pull(centre)
+    moved = jacobian * root[..., None] @ inverse / reduced
+    misfit = inverse * (np.outer(wider, wider) - 1)
+    return _Spread(inverse, misfit, pull(here.predicted * root), influence_of(here, moved, ends))

@@ -88,7 +88,7 @@ def search_point(model: TexturedModel, stack: TexelObservations, near: Floats | 
 class SolvedPoints:
     """All points' Kd and Ks at a place of the search, and what that leaves.
 
-    d, s : (r, 3), transfers of the rows. kd, ks : (r, 3), of each row's point. residual : (r, 3).
+    d, s : (r, 3), transfers of the rows. kd, ks : (r, 3), of each row's point. predicted, residual : (r, 3).
     """
 
     model: TexturedModel
@@ -117,8 +117,12 @@ class SolvedPoints:
         return self.values.ks[self.stack.at]
 
     @property
+    def predicted(self) -> Floats:
+        return self.kd * self.d + self.ks * self.s
+
+    @property
     def residual(self) -> Floats:
-        return self.stack.radiance - self.kd * self.d - self.ks * self.s
+        return self.stack.radiance - self.predicted
 
     def shared_equations(self, changes: Sequence[Floats]) -> tuple[Floats, Floats]:
         """Normal equations (t, t) and (t,) of numbers that all points share, Kd and Ks giving way to them.
