@@ -111,6 +111,14 @@ def mesh_once() -> Iterator[Callable[..., TriangleMesh]]:
         yield once
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _paint_once() -> Iterator[None]:
+    """The doll's paint, which scenes use too, is computed once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "doll_textures", cache(build.doll_textures))
+        yield
+
+
 @pytest.fixture(scope="session")
 def cat_mesh(mesh_once: Callable[..., TriangleMesh]) -> TriangleMesh:
     """RH01's cat (section 6.4) with edges of 2 mm."""

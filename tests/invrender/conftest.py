@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import lightfactor as lf
 from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.lighting import Lighting
@@ -39,7 +40,8 @@ from synthetic.shapes.ball import Ball
 from synthetic.staging import Staging
 from synthetic.writer import write_photoset
 
-from .fewforms import few_forms_tried, no_causes_sought
+from .faultysets import write_set
+from .fewforms import few_forms_tried, no_causes_sought, no_pictures_drawn
 
 Floats = np.ndarray
 Command = Callable[..., tuple[int, str, str]]
@@ -110,6 +112,13 @@ def no_causes() -> Iterator[None]:
 
 
 @pytest.fixture
+def no_pictures() -> Iterator[None]:
+    """`process` writes numbers alone."""
+    with no_pictures_drawn():
+        yield
+
+
+@pytest.fixture
 def small_set(small_set_original: Path, tmp_path: Path) -> Path:
     """A copy of the small set that a test may damage."""
     return Path(shutil.copytree(small_set_original, tmp_path / "set"))
@@ -119,6 +128,15 @@ def small_set(small_set_original: Path, tmp_path: Path) -> Path:
 def lamp_set(lamp_set_original: Path, tmp_path: Path) -> Path:
     """A copy of the set under the source alone that a test may damage."""
     return Path(shutil.copytree(lamp_set_original, tmp_path / "set"))
+
+
+@pytest.fixture(scope="session")
+def fitted_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A glossy sphere under a lamp per photograph, with the result of all of its pixels in `fit`; as it is."""
+    folder = write_set(tmp_path_factory.mktemp("fitted") / "set")
+    with few_forms_tried(), no_causes_sought():
+        lf.process(folder).save(folder / "fit")
+    return folder
 
 
 @pytest.fixture(scope="session")

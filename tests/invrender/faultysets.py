@@ -32,7 +32,19 @@ def write_set(
     noise: float = 0.01,
     beside: int = 0,
 ) -> Path:
-    """A sphere under one lamp per photograph, given as distant; distance : metres, None for far away.
+    """The photographs of a scene of `write_scene`."""
+    write_photoset(read_staging(write_scene(folder, material, distance, noise, beside)), folder)
+    return folder
+
+
+def write_scene(
+    folder: Path,
+    material: str = GLOSSY,
+    distance: float | None = None,
+    noise: float = 0.01,
+    beside: int = 0,
+) -> Path:
+    """A scene of a sphere under one lamp per photograph, given as distant; distance : metres, None for far away.
 
     beside : pixels more in width, half of them on either side.
     """
@@ -54,8 +66,7 @@ def write_set(
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "staged.toml"
     path.write_text("\n".join(parts), encoding="utf-8")
-    write_photoset(read_staging(path), folder)
-    return folder
+    return path
 
 
 def change_pixels(folder: Path, change: Callable[[int, Floats], Floats]) -> Path:

@@ -1,4 +1,4 @@
-"""Fits that try few forms of highlights, or seek no causes of misfits: both take seconds and have their own tests."""
+"""Fits that try few forms of highlights, seek no causes of misfits, or draw no pictures: each has tests of its own."""
 
 from __future__ import annotations
 
@@ -12,11 +12,14 @@ from invrender.brdf.lobes import BECKMANN, RH01_FORM
 
 
 @contextmanager
-def few_forms_tried(*others: LobeForm) -> Iterator[None]:
-    """Beside RH01's form the given ones alone, and what they extend to; if none is given, Beckmann's facets as such."""
+def few_forms_tried(*others: LobeForm, as_such: bool = False) -> Iterator[None]:
+    """Beside RH01's form the given ones alone, and what they extend to; if none is given, Beckmann's facets as such.
+
+    as_such : without what the given ones extend to.
+    """
     with pytest.MonkeyPatch.context() as patch:
-        if not others:
-            others = (BECKMANN,)
+        if as_such or not others:
+            others = others or (BECKMANN,)
             for extension in ("extended", "tabulated"):
                 patch.setattr(f"invrender.estimate.forms.{extension}", lambda _: ())
         patch.setattr("invrender.estimate.forms.OTHER_FORMS", others)
@@ -30,4 +33,22 @@ def no_causes_sought() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for solver in ("explained", "unknown_light"):
             patch.setattr(f"invrender.process.{solver}.diagnose", lambda *_: None)
+        yield
+
+
+@contextmanager
+def no_report_written() -> Iterator[None]:
+    """`process` writes numbers and predicted photographs, and no report."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("invrender.output.report.files.write_report", lambda *_: None)
+        yield
+
+
+@contextmanager
+def no_pictures_drawn() -> Iterator[None]:
+    """`process` writes its numbers, and neither predicted photographs nor a report; errors are those of the samples."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "invrender.output.report.run.write_pictures", lambda run, folder, document, *_, **__: document
+        )
         yield

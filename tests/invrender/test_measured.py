@@ -32,9 +32,9 @@ UP = np.array([0.0, 0.0, 1.0])
 PAINT = SmithMaterial(KD, KS, MU, GGXSlopes(SIGMA, SIGMA))
 
 
-def table_of(material: SmithMaterial) -> np.ndarray:
+def table_of(material: SmithMaterial, bins: tuple[int, int, int] = BINS) -> np.ndarray:
     """A material's table, by the formulas that render it; NaN below the horizon."""
-    wi, wo = other_directions(RusinkiewiczAngles(*bin_centres(BINS)))
+    wi, wo = other_directions(RusinkiewiczAngles(*bin_centres(bins)))
     above = np.minimum(wi[..., 2], wo[..., 2]) > 0
     values = np.where(above[..., None], material.evaluate(UP, wi, wo), np.nan)
     # Noise of 1%, as a gonioreflectometer's.
@@ -91,7 +91,8 @@ def test_a_materials_numbers_are_found_in_its_table(merl: Path) -> None:
 
 
 def test_a_real_paint_has_the_index_of_paint(data_dir: Path) -> None:
-    fit = fit_measured(read_measured(data_dir / "brdf" / "garnet_red.brdf"))
+    with few_forms_tried(GGX_FORM):
+        fit = fit_measured(read_measured(data_dir / "brdf" / "garnet_red.brdf"))
     assert len(fit.groups) == 8
     assert_allclose([fit.incidence_deg(group) for group in fit.groups], np.arange(10, 90, 10), atol=0.01)
     mu, kd, ks = (fit.solution.quantities[name] for name in ("mu", "kd", "ks"))
@@ -122,10 +123,11 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
 def test_our_own_table_is_read_and_the_result_written(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    table = table_of(PAINT)
+    bins = (30, 20, 16)
+    table = table_of(PAINT, bins)
     nested = np.where(np.isfinite(table), table.astype(object), None).tolist()
     path = tmp_path / "brdf.json"
-    path.write_text(json.dumps({"format": 1, "method": "table", "bins": BINS, "values": nested}))
+    path.write_text(json.dumps({"format": 1, "method": "table", "bins": bins, "values": nested}))
     with few_forms_tried(GGX_FORM):
         assert run(monkeypatch, path, "-o", tmp_path / "out", "--samples", 1500) == 0
     found = json.loads((tmp_path / "out" / "brdf.json").read_text())

@@ -10,18 +10,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-import lightfactor as lf
 from invrender.plan.asked import asked_experiment
 from invrender.plan.planning import make_plan
 from invrender.result.saved import read_result
 
-from .faultysets import write_set
-
 
 @pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = write_set(tmp_path_factory.mktemp("fitted") / "set")
-    return lf.process(folder).save(folder / "fit")
+def fitted(fitted_original: Path) -> Path:
+    return fitted_original / "fit"
 
 
 def test_deviations_are_those_that_the_fit_states(fitted: Path):

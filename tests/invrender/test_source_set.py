@@ -7,24 +7,16 @@ from pathlib import Path
 
 import pytest
 
-import lightfactor as lf
 from invrender.plan.from_result import result_experiment
 from invrender.result.saved import read_result
 from invrender.result.source_set import find_photoset
 
-from .faultysets import change_manifest, write_set
-
-
-@pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = write_set(tmp_path_factory.mktemp("fitted") / "set")
-    lf.process(folder, samples=2000).save(folder / "fit")
-    return folder
+from .faultysets import change_manifest
 
 
 @pytest.fixture
-def folder(fitted: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(fitted, tmp_path / "set"))
+def folder(fitted_original: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(fitted_original, tmp_path / "set"))
 
 
 def test_masks_lights_and_held_out_photographs_may_change(folder: Path) -> None:

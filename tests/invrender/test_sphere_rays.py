@@ -46,9 +46,9 @@ def test_the_grid_has_the_integral_of_all_rays(name: str, rays: SphereRays, rng:
     light = light_element(Lighting("room", latlong_map(LAMPS, 128), np.zeros((0, 3)), np.zeros((0, 3))))
     lobe = InterpolatedLobe(brdf, light, 0.005, rays)
     # Steeper rays than this make up less than a thousandth of the picture, and sums over directions miss their lobes.
-    normals = seen(rays, 120, rng, 0.03)
+    normals = seen(rays, 60, rng, 0.03)
     views = rays.views(normals)
-    directions, weights = sphere_grid(240)
+    directions, weights = sphere_grid(180)
     radiance = sum(lamp.radiance_from(directions) for lamp in LAMPS)
     truth = [
         (weights * brdf.form.reflected(Angles.between(normal, directions, view), 1.5, 0.15)) @ radiance

@@ -189,7 +189,7 @@ def test_a_maps_coarse_pixels_are_part_of_sigmas_uncertainty(bench, rng, few_for
     told = Lighting("light", coarse, np.zeros((0, 3)), np.zeros((0, 3)))
     angles = np.degrees(21 * pixel) + np.linspace(-90, 90, 8)
     material = replace(TEFLON, sigma=sigma)
-    photos = bench.photograph(material, angles, [], window, told, samples=300)
+    photos = bench.photograph(material, angles, [], window, told, samples=120)
     found = factorize(bench.with_noise(photos, rng), [told]).quantities["sigma"]
     assert found.value is not None
     assert abs(found.value[0] - sigma) < 2 * found.std[0]
