@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from capture.photoset import load_photoset
+from invrender.brdf.lobes import GGX_FORM
 from invrender.photometric_stereo.photographs import StereoCapture
 from recon.normals.normalmap import picture_axes
 from synthetic.scenes.build import read_staging
@@ -25,6 +29,23 @@ LAMPS = [
     for turn in 2 * np.pi * (np.arange(count) + 0.3 * ring) / count
 ]
 GLOSSY = 'model = "ggx"\nkd = [0.2, 0.16, 0.12]\nks = 0.04\nmu = 1.5\nalpha = 0.15'
+
+
+@contextmanager
+def few_pixels_shared() -> Iterator[None]:
+    """Fits look at half as many pixels where they compare lobes, and for what all pixels share."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("invrender.photometric_stereo.solve._COMPARED_PIXELS", 200)
+        patch.setattr("invrender.photometric_stereo.solve._SHARED_PIXELS", 750)
+        yield
+
+
+@contextmanager
+def few_lobes_compared() -> Iterator[None]:
+    """The same; of lobes they compare GGX's alone with a Lambertian surface."""
+    with few_pixels_shared(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr("invrender.photometric_stereo.models.FORMS", (None, GGX_FORM))
+        yield
 
 
 def write_rendered(
