@@ -12,16 +12,17 @@ from invrender.brdf.lobes import BECKMANN, RH01_FORM
 
 
 @contextmanager
-def few_forms_tried(*others: LobeForm, as_such: bool = False) -> Iterator[None]:
+def few_forms_tried(*others: LobeForm, tables: bool = True) -> Iterator[None]:
     """Beside RH01's form the given ones alone, and what they extend to; if none is given, Beckmann's facets as such.
 
-    as_such : without what the given ones extend to.
+    tables : False leaves tabulated lobes of the given forms out.
     """
     with pytest.MonkeyPatch.context() as patch:
-        if as_such or not others:
-            others = others or (BECKMANN,)
-            for extension in ("extended", "tabulated"):
-                patch.setattr(f"invrender.estimate.forms.{extension}", lambda _: ())
+        if not tables or not others:
+            patch.setattr("invrender.estimate.forms.tabulated", lambda _: ())
+        if not others:
+            others = (BECKMANN,)
+            patch.setattr("invrender.estimate.forms.extended", lambda _: ())
         patch.setattr("invrender.estimate.forms.OTHER_FORMS", others)
         patch.setattr("invrender.estimate.unknown_light.forms.FIRST_FORMS", (RH01_FORM, *others))
         yield
@@ -51,4 +52,6 @@ def no_pictures_drawn() -> Iterator[None]:
         patch.setattr(
             "invrender.output.report.run.write_pictures", lambda run, folder, document, *_, **__: document
         )
+        # A sentence about the pictures' errors.
+        patch.setattr("invrender.output.report.run.errors_in_words", lambda _: "")
         yield

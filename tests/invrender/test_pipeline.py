@@ -17,15 +17,15 @@ from invrender.result.document import result_document
 from invrender.result.run import Run
 from recon.mesh.bodies import body_window
 
-from .fewforms import few_forms_tried
+from .fewforms import few_forms_tried, no_causes_sought
 
-pytestmark = pytest.mark.usefixtures("few_forms")
+pytestmark = pytest.mark.usefixtures("few_forms", "no_causes")
 
 
 @pytest.fixture(scope="module")
 def lamp_run(lamp_set_original: Path) -> Run:
     """What `process` finds of the set as it was written."""
-    with few_forms_tried():
+    with few_forms_tried(), no_causes_sought():
         return process(load_photoset(lamp_set_original), samples=2000)
 
 

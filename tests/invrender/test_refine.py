@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tracemalloc
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,7 @@ def ball_photo(camera: Camera, paint: Callable[[Floats], Floats], rng: np.random
     return RadianceImage(radiance, np.zeros_like(radiance), np.zeros((100, 120), bool))
 
 
+@cache
 def ball_body() -> MeshBody:
     ball = trimesh.creation.icosphere(subdivisions=5)
     # Facets lie within the sphere of their corners: these are put as far outside as their mean lies inside.
@@ -288,7 +290,9 @@ def write_egg_set(folder: Path) -> Path:
     return folder / "set"
 
 
-def test_command_refines_a_set_and_writes_poses_that_it_can_use(lightfactor: Command, tmp_path: Path) -> None:
+def test_command_refines_a_set_and_writes_poses_that_it_can_use(
+    lightfactor: Command, tmp_path: Path, few_forms: None, no_causes: None
+) -> None:
     folder = write_egg_set(tmp_path)
     code, out, err = lightfactor("refine", folder, "--samples", 1000, "--turn-deg", 1.5)
     assert (code, err) == (0, "")
@@ -316,7 +320,7 @@ def test_command_refines_a_set_and_writes_poses_that_it_can_use(lightfactor: Com
     assert "is what refining made" in err
 
 
-def test_spheres_are_refused(lightfactor: Command, small_set: Path) -> None:
-    code, _, err = lightfactor("refine", small_set)
+def test_spheres_are_refused(lightfactor: Command, lamp_set: Path) -> None:
+    code, _, err = lightfactor("refine", lamp_set)
     assert code == 1
     assert "[object] shape is 'sphere'" in err

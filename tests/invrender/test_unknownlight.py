@@ -13,7 +13,7 @@ from capture.photoset import load_photoset
 from invrender.output.report.run import run_process
 from invrender.process.pipeline import process
 
-pytestmark = pytest.mark.usefixtures("few_forms")
+pytestmark = pytest.mark.usefixtures("few_forms", "no_causes")
 
 
 def without_light(folder: Path) -> str:
@@ -54,7 +54,7 @@ def test_three_photographs_tell_brdf_and_light(small_set: Path, tmp_path: Path, 
 
 @pytest.mark.slow
 def test_of_a_matte_object_without_lamps_light_is_all_that_is_told(
-    matte_set: Path, tmp_path: Path, few_forms: None
+    matte_set: Path, tmp_path: Path, no_pictures: None
 ):
     without_light(matte_set)
     result = run_process(matte_set, tmp_path / "out", samples=900)
