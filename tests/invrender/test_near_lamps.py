@@ -231,7 +231,12 @@ def test_a_near_lamp_is_solved_saved_rendered_and_exported(
     ids=["known", "strength recovered"],
 )
 def test_a_near_lamp_that_is_called_distant_is_found(
-    lightfactor: Command, near_set: Path, tmp_path: Path, request: pytest.FixtureRequest, recover: bool
+    lightfactor: Command,
+    near_set: Path,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+    no_pictures: None,
+    recover: bool,
 ) -> None:
     if not recover:
         request.getfixturevalue("few_forms")
@@ -267,7 +272,7 @@ def test_a_near_lamp_of_unknown_light_is_found(
     folder = Path(shutil.copytree(near_set, tmp_path / "set"))
     manifest = folder / "photoset.toml"
     manifest.write_text(re.sub("near = .*", "unknown = true\ndark = true", manifest.read_text()))
-    code, said, err = lightfactor("process", folder, "-o", tmp_path / "out")
+    code, said, err = lightfactor("process", folder, "-o", tmp_path / "out", "--samples", 1200)
     assert code == 0, err
     distance = float(np.linalg.norm(LAMP.position - CENTRE))
     assert "The lamps are near. Their distances" in " ".join(said.split())

@@ -142,7 +142,7 @@ def test_a_brdf_of_its_own_model_is_found(bench: SimpleNamespace):
 
 
 def test_known_light_shows_what_each_transfer_leaves_out(bench: SimpleNamespace):
-    photos, lighting = photographs(bench, STEEL, 3000), bench.known_lighting()
+    photos, lighting = photographs(bench, STEEL, 1500), bench.known_lighting()
     found = {
         transfer: published_brdf(photos, lighting, transfer, fresnel=False).brdf
         for transfer in ("mirror", "filtered", "exact")
@@ -181,8 +181,8 @@ def test_the_source_may_be_marked_narrowly_in_direct_recovery(bench: SimpleNames
     material = radiometric(RH01_MATERIALS["teflon"])
     # A radius that holds the peak, of which harmonics up to l* spread the edge: by pixels just outside mu was 2.3.
     narrow = SourceRegion(bench.source.direction, 0.4)
-    found = published_factors_direct(photographs(bench, material, 3000), region=narrow)
-    # 1.73, as with a radius of 0.7; the light that the area light leaves to eq. 25 takes up the rest.
+    found = published_factors_direct(photographs(bench, material, 1500), region=narrow)
+    # 1.80, and 1.78 with a radius of 0.7; the light that the area light leaves to eq. 25 takes up the rest.
     assert found.mu == pytest.approx(material.mu, abs=0.1)
     assert_allclose(found.share, material.ks / (material.kd + material.ks), atol=0.02)
 
@@ -249,7 +249,9 @@ def test_light_that_is_all_sources_has_no_slow_part(bench: SimpleNamespace):
         assert brdf.sigma == pytest.approx(STEEL.sigma, abs=0.001)
 
 
-def test_process_solves_known_light_as_published(lightfactor: Command, lamp_set: Path, tmp_path: Path):
+def test_process_solves_known_light_as_published(
+    lightfactor: Command, lamp_set: Path, tmp_path: Path, no_pictures: None
+):
     out = tmp_path / "out"
     code, _, _ = lightfactor("process", lamp_set, "-o", out, "--published", "--samples", 1000)
     assert code == 0

@@ -81,7 +81,7 @@ def cup(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_paint_in_folds_is_not_taken_for_brighter_than_it_is(
-    lightfactor: Command, cup: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    lightfactor: Command, cup: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_pictures: None
 ) -> None:
     # Whether highlights of another form explain more, tests of textures say; here each form costs seconds.
     monkeypatch.setattr("invrender.estimate.textured.fit.OTHER_FORMS", ())
