@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 
 TRIANGLE = np.array([[-0.4, 1.0], [0.7, 1.3], [0.1, 1.9]])
 DISC = np.array([0.2, 1.5]), 0.6
-POINTS = np.random.default_rng(3).uniform([-1, -0.5], [1, 0.3], (20, 2))
+POINTS = np.random.default_rng(3).uniform([-1, -0.5], [1, 0.3], (10, 2))
 STEP = 1e-3
 
 

@@ -137,7 +137,7 @@ def test_a_real_room_is_the_sum_over_its_pixels(
     sigma: float, rms: float, data_dir: Path, rng: np.random.Generator
 ):
     room = read_latlong(data_dir / "probes" / "Grace_Cathedral.hdr")
-    normals, views = surface_points(rng, rng.uniform(0.25, 1, 150))
+    normals, views = surface_points(rng, rng.uniform(0.25, 1, 75))
     (element,) = light_elements(Lighting("room", room, np.zeros((0, 3)), np.zeros((0, 3))))
     found = specular_transfer(element, normals, views, np.array([sigma]))[:, 0]
     directions = latlong_directions(len(room)).reshape(-1, 3)
