@@ -210,7 +210,14 @@ def check_as_close_as_rh01(bench: SimpleNamespace, name: str, views: int, sample
     assert found.peak.direction @ bench.source.direction > np.cos(np.radians(5))
 
 
-@pytest.mark.parametrize("name", RH01_OFF)
+# One with a Fresnel factor and one without; the others differ in their numbers alone.
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name in ("teflon", "steel") else pytest.param(name, marks=pytest.mark.slow)
+        for name in RH01_OFF
+    ],
+)
 def test_three_photographs_yield_factors_as_close_as_rh01s(bench: SimpleNamespace, name: str):
     check_as_close_as_rh01(bench, name, 3, 6000)
 

@@ -85,7 +85,7 @@ def test_what_places_have_in_common_counts_as_little_as_its_covariance_says(rng:
     assert_allclose(root @ root @ covariance, np.eye(30), atol=1e-9)
 
 
-@pytest.mark.parametrize("slow", [0.0, 0.8])
+@pytest.mark.parametrize("slow", [pytest.param(0.0, marks=pytest.mark.slow), 0.8])
 def test_light_is_told_from_paint_by_highlights_that_move_over_it(
     bench: SimpleNamespace, slow: float
 ) -> None:
