@@ -41,7 +41,7 @@ from synthetic.staging import Staging
 from synthetic.writer import write_photoset
 
 from .faultysets import write_set
-from .fewforms import few_forms_tried, no_causes_sought, no_pictures_drawn
+from .fewforms import few_forms_tried, no_causes_sought, no_figures_drawn, no_pictures_drawn
 
 Floats = np.ndarray
 Command = Callable[..., tuple[int, str, str]]
@@ -115,6 +115,13 @@ def no_causes() -> Iterator[None]:
 def no_pictures() -> Iterator[None]:
     """`process` writes numbers alone."""
     with no_pictures_drawn():
+        yield
+
+
+@pytest.fixture
+def no_figures() -> Iterator[None]:
+    """What the test's runs write has empty figures."""
+    with no_figures_drawn():
         yield
 
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +35,20 @@ def write_set(
     noise: float = 0.01,
     beside: int = 0,
 ) -> Path:
-    """The photographs of a scene of `write_scene`."""
-    write_photoset(read_staging(write_scene(folder, material, distance, noise, beside)), folder)
+    """The photographs of a scene of `write_scene`. What was rendered once is copied."""
+    original = Path(_rendered_set(material, distance, noise, beside).name)
+    shutil.copytree(original, folder, copy_function=shutil.copyfile, dirs_exist_ok=True)
+    return folder
+
+
+@cache
+def _rendered_set(
+    material: str, distance: float | None, noise: float, beside: int
+) -> TemporaryDirectory[str]:
+    """A set of `write_set` in a folder that is there until the tests end."""
+    folder = TemporaryDirectory(prefix="lightfactor-faulty-")
+    path = write_scene(Path(folder.name), material, distance, noise, beside)
+    write_photoset(read_staging(path), path.parent)
     return folder
 
 

@@ -1,11 +1,17 @@
-"""Fits that try few forms of highlights, seek no causes of misfits, or draw no pictures: each has tests of its own."""
+"""Results with less: few forms of highlights tried, no causes of misfits sought, no figures or pictures drawn.
+
+All of these take seconds and have their own tests.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import BECKMANN, RH01_FORM
@@ -54,4 +60,17 @@ def no_pictures_drawn() -> Iterator[None]:
         )
         # A sentence about the pictures' errors.
         patch.setattr("invrender.output.report.run.errors_in_words", lambda _: "")
+        yield
+
+
+@contextmanager
+def no_figures_drawn() -> Iterator[None]:
+    """Figures of reports and results are empty files."""
+
+    def saved(_: Figure, file: Path | BytesIO, **__: object) -> None:
+        if isinstance(file, Path):
+            file.write_bytes(b"")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", saved)
         yield

@@ -36,7 +36,7 @@ from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import latlong_map
 
 from .faultysets import BRUSHED, write_set
-from .fewforms import few_forms_tried, no_causes_sought
+from .fewforms import few_forms_tried, no_causes_sought, no_figures_drawn
 
 Floats = np.ndarray
 Command = Callable[..., tuple[int, str, str]]
@@ -211,7 +211,7 @@ def test_a_brushed_ball_is_processed_compared_rendered(
     lightfactor: Command, brushed_set: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "result"
-    with few_forms_tried(GGX_FORM), no_causes_sought():
+    with few_forms_tried(GGX_FORM), no_causes_sought(), no_figures_drawn():
         code, text, err = lightfactor("process", brushed_set, "-o", out, "--samples", 1000)
     assert (code, err) == (0, "")
     assert "neutral brushed GGX" in text

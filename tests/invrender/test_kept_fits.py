@@ -26,7 +26,7 @@ Counted = Callable[[Any, str], list[None]]
 SETTINGS = {"samples": 2000, "published": False}
 LAMPS = r"directional = .*"
 
-pytestmark = pytest.mark.usefixtures("own_cache")
+pytestmark = pytest.mark.usefixtures("own_cache", "few_forms", "no_figures")
 
 
 def place_of(folder: Path, settings: dict[str, object]) -> Path:
@@ -59,7 +59,7 @@ def test_only_what_lacks_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     out = tmp_path / "out"
     if kind == "unknown":
         change_manifest(folder, LAMPS, lambda _: "unknown = true\ndark = true")
-    command.run_process(folder, tmp_path / "whole", 2000)
+    command.run_process(folder, tmp_path / "whole", 1000)
     write, solve = command.write_pictures, command.process
 
     def stopped(*_: object, **__: object) -> None:
@@ -67,11 +67,11 @@ def test_only_what_lacks_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(command, "write_pictures", stopped)
     with pytest.raises(ValueError, match="finished result but for predicted photographs and report"):
-        command.run_process(folder, out, 2000)
+        command.run_process(folder, out, 1000)
     monkeypatch.setattr(command, "write_pictures", write)
     monkeypatch.setattr(command, "process", lambda *_, **__: pytest.fail("it was solved anew"))
     # Threads predicted the first one's pictures.
-    command.run_process(folder, out, 2000, workers=2)
+    command.run_process(folder, out, 1000, workers=2)
     assert_alike(out, tmp_path / "whole")
     monkeypatch.setattr(command, "process", solve)
     # What is in the result isn't kept any longer.
@@ -102,7 +102,7 @@ def test_whatever_changes_what_is_solved_changes_the_key(tmp_path: Path) -> None
 def test_a_damaged_file_is_no_solution(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "set")
     file = place_of(folder, SETTINGS)
-    run = keep_fit(file, process(load_photoset(folder), 2000, causes=False))
+    run = keep_fit(file, process(load_photoset(folder), 1000, causes=False))
     found = kept(file)
     assert found is not None
     photo = run.photoset.photos[0]
@@ -131,7 +131,7 @@ def test_a_fit_that_was_stopped_takes_the_columns_that_are_there(
 ) -> None:
     folder, out = write_set(tmp_path / "set"), tmp_path / "out"
     made = counted(columns, "_columns")
-    command.run_process(folder, tmp_path / "whole", 2000)
+    command.run_process(folder, tmp_path / "whole", 1000)
     assert made
 
     def stopped(*_: object, **__: object) -> None:
@@ -141,10 +141,10 @@ def test_a_fit_that_was_stopped_takes_the_columns_that_are_there(
     with monkeypatch.context() as within:
         within.setattr(known_light, "photo_scores", stopped)
         with pytest.raises(ValueError, match="stopped"):
-            command.run_process(folder, out, 2000, workers=2)
+            command.run_process(folder, out, 1000, workers=2)
     assert "columns" in {each.stage for each in listed()}
     made.clear()
-    command.run_process(folder, out, 2000)
+    command.run_process(folder, out, 1000)
     assert not made
     assert_alike(out, tmp_path / "whole")
     assert "columns" not in {each.stage for each in listed()}

@@ -23,7 +23,7 @@ Counted = Callable[[Any, str], list[None]]
 BRDF = ["--kd", "0.2", "--ks", "0.1", "--mu", "1.5", "--sigma", "0.15", "--degree", "3"]
 
 
-pytestmark = pytest.mark.usefixtures("own_cache")
+pytestmark = pytest.mark.usefixtures("own_cache", "few_forms", "no_figures")
 
 
 def numbers(path: Path) -> dict[str, Any]:
@@ -56,7 +56,7 @@ def test_solved_once(
 
     def run(name: str, *more: str) -> dict[str, Any]:
         out = tmp_path / name
-        code, _, err = lightfactor(command, small_set, "-o", out, "--samples", 2000, *options, *more)
+        code, _, err = lightfactor(command, small_set, "-o", out, "--samples", 1000, *options, *more)
         assert (code, err) == (0, "")
         return numbers(out / document)
 

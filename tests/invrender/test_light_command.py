@@ -70,7 +70,7 @@ def test_the_document_tells_what_is_determined_and_what_is_off(result: Path):
 
 
 def test_a_black_photograph_has_no_relative_error_and_black_ones_alone_no_light(
-    small_set: Path, tmp_path: Path
+    small_set: Path, tmp_path: Path, no_figures: None
 ):
     photos = sorted(small_set.glob("0*.exr"))
     for every, photo in enumerate(photos):
@@ -86,7 +86,9 @@ def test_a_black_photograph_has_no_relative_error_and_black_ones_alone_no_light(
     assert "black in every photograph" in str(done.exception)
 
 
-def test_a_diffuse_object_yields_nulls_for_odd_degrees_and_no_dual_map(small_set: Path, tmp_path: Path):
+def test_a_diffuse_object_yields_nulls_for_odd_degrees_and_no_dual_map(
+    small_set: Path, tmp_path: Path, no_figures: None
+):
     done = light(small_set, tmp_path / "out", "--kd", "0.3", "--samples", "2000", "--degree", "3")
     assert done.exit_code == 0, done.output
     assert "degree 3 is undetermined" in " ".join(done.output.split())
@@ -143,6 +145,7 @@ def forget_light(folder: Path) -> None:
     manifest.write_text(re.sub(r"(?ms)^\[\[lighting\]\].*?(?=^\[\[photo\]\])", "", manifest.read_text()))
 
 
+@pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize("given", ["truth.json", "."])
 def test_the_truth_that_lies_beside_a_set_gives_the_brdf_and_judges_the_light(
     small_set: Path, tmp_path: Path, given: str
@@ -164,7 +167,9 @@ def test_the_truth_that_lies_beside_a_set_gives_the_brdf_and_judges_the_light(
     assert found["truth"]["dual_first_nine_error"] < 0.05
 
 
-def test_a_truth_whose_lamps_are_near_judges_no_distant_light(small_set: Path, tmp_path: Path):
+def test_a_truth_whose_lamps_are_near_judges_no_distant_light(
+    small_set: Path, tmp_path: Path, no_figures: None
+):
     forget_light(small_set)
     path = small_set / "truth.json"
     truth = json.loads(path.read_text())
