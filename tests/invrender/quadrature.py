@@ -71,3 +71,12 @@ def reflected(rho, light, rotations: Floats, exitant: Floats, rule: tuple[Floats
         radiance = light(incident @ rotation.T)
         result.append(np.sum(rho(incident, towards) * incident[:, 2] * weight * radiance))
     return np.array(result)
+
+
+def reflected_everywhere(
+    rho, light, rotations: Floats, exitant: Floats, rule: tuple[Floats, Floats]
+) -> Floats:
+    """The same (s, n) at each of the frames (s, 3, 3) towards each of the local directions (n, 3)."""
+    incident, weight = rule
+    transfer = np.stack([rho(incident, towards) for towards in exitant]) * incident[:, 2] * weight
+    return np.stack([transfer @ light(incident @ rotation.T) for rotation in rotations])

@@ -31,7 +31,14 @@ from recon.harmonics.complex import to_complex
 from recon.harmonics.rotations import euler_angles
 from recon.harmonics.wigner import wigner_D
 
-from .quadrature import hemisphere_grid, reflected, scipy_complex, scipy_harmonics, sphere_grid
+from .quadrature import (
+    hemisphere_grid,
+    reflected,
+    reflected_everywhere,
+    scipy_complex,
+    scipy_harmonics,
+    sphere_grid,
+)
 from .test_brdfcoefficients import brushed, glossy, rh01
 
 ROTATIONS = Rotation.random(12, random_state=8).as_matrix()
@@ -120,14 +127,7 @@ def glossy_field() -> LightField:
     frames, frame_weight = frames_and_weights(4, 1)
     exitant, exitant_weight = hemisphere_grid(12, 10)
     incident = hemisphere_grid(20, 30)
-    radiance = np.stack(
-        [
-            reflected(
-                glossy, light_of(lighting), np.broadcast_to(frame, (len(exitant), 3, 3)), exitant, incident
-            )
-            for frame in frames
-        ]
-    )
+    radiance = reflected_everywhere(glossy, light_of(lighting), frames, exitant, incident)
     return LightField(lighting, frames, frame_weight, exitant, exitant_weight, radiance)
 
 
@@ -159,14 +159,7 @@ def test_the_light_field_of_a_brushed_body_has_those_coefficients(rng):
     exitant, exitant_weight = hemisphere_grid(9, 14)
     incident = hemisphere_grid(16, 30)
     expected = anisotropic_light_field(to_complex(lighting), anisotropic_coefficients(brushed, l_max, p_max))
-    radiance = np.stack(
-        [
-            reflected(
-                brushed, light_of(lighting), np.broadcast_to(frame, (len(exitant), 3, 3)), exitant, incident
-            )
-            for frame in frames
-        ]
-    )
+    radiance = reflected_everywhere(brushed, light_of(lighting), frames, exitant, incident)
     towards = radiance @ (scipy_complex(exitant, p_max).conj() * exitant_weight[:, None])
     for l, matrix in enumerate(wigner_D(l_max, *euler_angles(frames))):
         scale = np.sqrt((2 * l + 1) / (8 * np.pi**2))
