@@ -16,6 +16,7 @@ from synthetic.materials.material import AnyFloats
 from synthetic.materials.smith import SmithMaterial
 
 from .anylobe import radiance_of
+from .fewforms import few_forms_tried
 from .test_blind import noisy
 
 MU, SIGMA = 1.5, 0.15
@@ -41,15 +42,16 @@ def test_error_bars_hold_forms_that_explain_as_well(
     lamps = [bench.source, DirectionalSource(bench.direction(130, 20), np.array([1.0, 1.2, 0.9]))]
     photos = []
     for angle in (0, 100, 200, 300):
-        field = bench.sphere_field(angle, 400, 90.0)
+        field = bench.sphere_field(angle, 280, 90.0)
         rays = radiance_of(truth, SIGMA, [], lamps, field.normals, field.views)
         photos.append(replace(field, radiance=field.mean_over_rays(rays)))
-    found = factorize_blind(noisy(photos, np.random.default_rng(1)), orders=[0])
+    with few_forms_tried(GGX_FORM):
+        found = factorize_blind(noisy(photos, np.random.default_rng(1)), orders=[0])
     # Both lamps stay though the form is not that which they were found with.
     form = GGX_FORM if material is SmithMaterial else UNCORRELATED[GGX_FORM]
     assert (found.form, len(found.light.sources.directions)) == (form, 2)
     error, std = abs(found.quantities["mu"].value[0] - MU), found.quantities["mu"].std[0]
-    # The photographs tell: the other form puts mu 0.005 elsewhere, of which next to nothing is added to 0.0015.
+    # The photographs tell: the other form puts mu 0.005 elsewhere, of which next to nothing is added to 0.002.
     assert error < 3 * std < 3 * 0.0025
     assert not [text for text in found.warnings if text.startswith("mu hinges on the form of the lobe")]
 

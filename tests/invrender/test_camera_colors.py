@@ -36,6 +36,7 @@ def solved(folder: Path, matrix: Floats, covariance: Floats) -> dict[str, Any]:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_forms")
 def test_a_cameras_colours_are_undone_and_error_bars_hold_the_matrix(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "set")
     given = process(load_photoset(folder), 1000, causes=False).solution.quantities

@@ -102,6 +102,7 @@ def test_the_report_is_self_contained(workshop: Path) -> None:
     assert "rejected" in page
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_command_and_report_state_one_error(lightfactor: Run, lamp_set: Path, tmp_path: Path) -> None:
     code, out, _ = lightfactor("process", lamp_set, "-o", tmp_path / "out", "--samples", 1000)
     fit = json.loads((tmp_path / "out" / "result.json").read_text())["fit"]
@@ -115,6 +116,7 @@ def test_command_and_report_state_one_error(lightfactor: Run, lamp_set: Path, tm
     assert stated in unescape((tmp_path / "out" / "report.html").read_text())
 
 
+@pytest.mark.usefixtures("no_figures", "no_causes")
 def test_a_second_run_replaces_the_first(
     lightfactor: Run, workshop: Path, lamp_set: Path, tmp_path: Path
 ) -> None:
@@ -126,6 +128,7 @@ def test_a_second_run_replaces_the_first(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "set"]
 
 
+@pytest.mark.usefixtures("no_figures", "no_causes")
 def test_files_of_one_name_do_not_displace_each_other(
     lightfactor: Run, lamp_set: Path, tmp_path: Path
 ) -> None:
@@ -309,8 +312,13 @@ def test_a_finished_fit_outlives_its_predictions(
     lamp_set: Path, tmp_path: Path, fate: str, status: int, said: str
 ) -> None:
     out = tmp_path / "out"
+    # Another process knows nothing of fixtures: it is told here to try few forms and to seek no causes.
     code = (
         "import os, signal, time\nfrom lightfactor.cli import main\nfrom invrender.result.run import Run\n"
+        "from invrender.brdf.lobes import BECKMANN\nfrom invrender.estimate import forms\n"
+        "from invrender.process import explained\n"
+        "forms.OTHER_FORMS = (BECKMANN,)\nforms.extended = forms.tabulated = lambda _: ()\n"
+        "explained.diagnose = lambda *_: None\n"
         f"def predict(run, photo): {fate}\nRun.predict = predict\nmain()"
     )
     command = [sys.executable, "-c", code, "process", str(lamp_set), "-o", str(out), "--samples", "1000"]
@@ -323,7 +331,8 @@ def test_a_finished_fit_outlives_its_predictions(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "set"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+# Both have one handler.
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_a_stopped_run_leaves_nothing_behind(small_set: Path, tmp_path: Path, number: signal.Signals) -> None:
     code = "from lightfactor.cli import main; main()"
     command = [sys.executable, "-c", code, "process", str(small_set), "-o", str(tmp_path / "out")]

@@ -74,7 +74,7 @@ def test_roughness_is_not_claimed_in_soft_light_until_a_source_is_added(bench, f
     assert abs(found.value[0] - metal.sigma) < 3 * found.std[0] < 0.01
 
 
-def test_refractive_index_is_not_claimed_without_grazing_views(bench, rng):
+def test_refractive_index_is_not_claimed_without_grazing_views(bench, rng, few_forms):
     # Highlights up to 25 degrees, where Fresnel's factor changes by less than 2% between all indices.
     angles = [-20.0, -10.0, 0.0, 10.0]
     photos = [within(p, 25) for p in bench.photograph(TEFLON, angles, samples=300)]
