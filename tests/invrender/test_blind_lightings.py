@@ -94,7 +94,7 @@ def lit(bench: SimpleNamespace) -> tuple[list[LightField], list[str]]:
     of = [name for name, views in VIEWS.items() for _ in views]
     angles = [angle for views in VIEWS.values() for angle in views]
     photos = [
-        noisy(photograph(bench, TEFLON, lights[name], angle, 700), rng)
+        noisy(photograph(bench, TEFLON, lights[name], angle, 400), rng)
         for name, angle in zip(of, angles, strict=True)
     ]
     return photos, of
@@ -104,7 +104,7 @@ def test_three_lightings_and_what_they_shine_on(
     bench: SimpleNamespace, lit: tuple[list[LightField], list[str]]
 ):
     photos, of = lit
-    found = factorize_blind(photos, of, ladder=False)
+    found = factorize_blind(photos, of, orders=[8, 12], ladder=False)
     error, std = errors(found, TEFLON)
     # Five numbers, three of them much alike: one set in two hundred is beyond three.
     assert (np.abs(error) < 3 * std).all()
@@ -128,7 +128,8 @@ def test_three_lightings_and_what_they_shine_on(
     assert_allclose(np.array(off), 0, atol=0.02)
     assert np.abs(off[0]).max() < 0.003
     # The window says less alone than all of them do; the other two would even get the model wrong.
-    alone = factorize_blind([p for p, own in zip(photos, of, strict=True) if own == "window"], ladder=False)
+    window = [photo for photo, own in zip(photos, of, strict=True) if own == "window"]
+    alone = factorize_blind(window, orders=[8, 12], ladder=False)
     assert (errors(alone, TEFLON)[1] > std).all()
 
 
@@ -136,7 +137,7 @@ def test_working_on_photographs_together_changes_nothing(
     bench: SimpleNamespace, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ):
     lights = three_lights(bench)
-    order = ["window", "soft", "soft", "window", "window", "soft"]
+    order = ["window", "soft", "soft", "window"]
     photos = [
         noisy(photograph(bench, TEFLON, lights[name], 30 * k, 90 + 10 * k), rng)
         for k, name in enumerate(order)
@@ -184,14 +185,14 @@ def test_one_light_under_two_names_is_the_same_light(bench: SimpleNamespace, rng
 def test_lamps_in_the_dark_are_told_from_a_single_side(
     bench: SimpleNamespace, rng: np.random.Generator, few_forms: None
 ):
-    ways = [(-30, 20), (40, 45), (10, 70), (75, 10), (-80, 40)]
+    ways = [(-30, 20), (40, 45), (10, 70), (75, 10)]
     lamps = [
         DirectionalSource(bench.direction(*way), np.full(3, 1.0 + 0.3 * k)) for k, way in enumerate(ways)
     ]
-    photos = [noisy(photograph(bench, TEFLON, ([], [lamp]), 0, 500), rng) for lamp in lamps]
+    photos = [noisy(photograph(bench, TEFLON, ([], [lamp]), 0, 300), rng) for lamp in lamps]
     names = [f"lamp {k}" for k in range(len(lamps))]
-    found = factorize_blind(photos, names, orders=[0, 4])
-    assert found.model == "microfacet, lighting of degree 0, 5 sources"
+    found = factorize_blind(photos, names, orders=[0, 2])
+    assert found.model == "microfacet, lighting of degree 0, 4 sources"
     # Lamps in the dark leave no light that could take up what the formula doesn't explain.
     assert not found.warnings
     error, std = errors(found, TEFLON)
