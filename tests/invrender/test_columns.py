@@ -31,7 +31,7 @@ def test_prediction_through_columns_agrees_with_the_direct_one(recover: dict[str
     strengths = rng.uniform(0.5, 1.5, (len(elements), 3))
     # The highlight near normal exitance, and near grazing.
     for angle in (10.0, 150.0):
-        field = bench.sphere_field(angle, samples=600)
+        field = bench.sphere_field(angle, samples=250)
         assert len(field.normals) > len(field)  # some samples have several rays
         photo = photo_columns(lighting.name, elements, field)
         brdfs = [radiometric(row) for row in RH01_MATERIALS.values()]
@@ -86,7 +86,7 @@ def test_columns_of_the_base_alone_hold_no_lobe(bench):
 def test_columns_of_all_forms_are_kept_and_read_again(bench, tmp_path, monkeypatch: pytest.MonkeyPatch):
     lighting = bench.known_lighting()
     elements = {lighting.name: light_elements(lighting)}
-    fields = [bench.sphere_field(angle, samples=20) for angle in (0.0, 100.0, 150.0)]
+    fields = [bench.sphere_field(angle, samples=20) for angle in (0.0, 150.0)]
     names = [lighting.name] * len(fields)
     single = [form for form in OTHER_FORMS if isinstance(form, Smith)]
     richer = [more for form in single for more in (*extended(form), *tabulated(form), UNCORRELATED[form])]

@@ -33,7 +33,7 @@ def test_the_truth_lies_within_what_a_named_fault_moves(
     sound: Path, tmp_path: Path, few_forms: None, fault: str
 ) -> None:
     folder = change_pixels(Path(shutil.copytree(sound, tmp_path / "set")), FAULTS[fault])
-    result = process(load_photoset(folder), samples=2000)
+    result = process(load_photoset(folder), samples=1000)
     assert result.causes[0].name == fault
     for name, truth in TRUTH.items():
         quantity = result.solution.quantities[name]

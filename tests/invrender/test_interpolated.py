@@ -50,11 +50,11 @@ def ball(rng: np.random.Generator, count: int, bumps: float) -> tuple[np.ndarray
 def test_few_integrals_make_all_of_them(name: str, bumps: float, rng: np.random.Generator) -> None:
     brdf = Microfacet(np.full(3, 0.1), np.ones(3), 1.5, 0.15, FORMS[name])
     light = light_element(Lighting("room", latlong_map(LAMPS, 128), np.zeros((0, 3)), np.zeros((0, 3))))
-    normals, views = ball(rng, 30_000, bumps)
+    normals, views = ball(rng, 15_000, bumps)
     found = InterpolatedLobe(brdf, light, 0.005).towards(normals, views)
-    directions, weights = sphere_grid(240)
+    directions, weights = sphere_grid(120)
     radiance = sum(lamp.radiance_from(directions) for lamp in LAMPS)
-    some = np.arange(0, 30_000, 250)
+    some = np.arange(0, 15_000, 150)
     truth = np.array(
         [
             (weights * brdf.form.reflected(Angles.between(normals[k], directions, views[k]), 1.5, 0.15))
