@@ -36,18 +36,25 @@ def camera_at(azimuth_deg: float, elevation_deg: float, model: str = "PINHOLE") 
     return Camera(model, params, WIDTH, HEIGHT, look_at(eye, np.zeros(3), np.array([0.0, 0, 1])))
 
 
-CAMERAS = [camera_at(60 * i, 15 if i % 2 else 5) for i in range(6)]
+SIX_CAMERAS = [camera_at(60 * i, 15 if i % 2 else 5) for i in range(6)]
+# Most need no more.
+CAMERAS = SIX_CAMERAS[:4]
 
 
 def drawn(tracer: RayTracer, place: Similarity, camera: Camera, n: int = 4) -> np.ndarray:
-    """Coverage (h, w) of each pixel by a mesh, from n x n rays within it."""
-    steps = (np.arange(n) + 0.5) / n
-    x, y = ((np.arange(size)[:, None] + steps).ravel() for size in (WIDTH, HEIGHT))
+    """Coverage (h, w) of each pixel by a mesh, from n x n rays within it; none where the mesh isn't."""
     body = RayTracer(place.apply(tracer.vertices), tracer.faces)
+    seen = camera.project(body.vertices)
+    left, top = np.floor(np.clip(seen.min(axis=0), 0, [WIDTH, HEIGHT])).astype(int)
+    right, bottom = np.ceil(np.clip(seen.max(axis=0), 0, [WIDTH, HEIGHT])).astype(int)
+    steps = (np.arange(n) + 0.5) / n
+    x, y = ((np.arange(*ends)[:, None] + steps).ravel() for ends in ((left, right), (top, bottom)))
     origins, directions = camera.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
     starts = origins - directions if camera.is_orthographic else origins
-    hit = body.first_hits(starts, directions).faces >= 0
-    return hit.reshape(HEIGHT, n, WIDTH, n).mean(axis=(1, 3), dtype=np.float32)
+    hit = body.met(starts, directions).reshape(bottom - top, n, right - left, n)
+    coverage = np.zeros((HEIGHT, WIDTH), np.float32)
+    coverage[top:bottom, left:right] = hit.mean(axis=(1, 3), dtype=np.float32)
+    return coverage
 
 
 @pytest.fixture(scope="module")
@@ -57,12 +64,12 @@ def cat(cat_mesh) -> RayTracer:
 
 @pytest.fixture(scope="module")
 def masks(cat) -> list[np.ndarray]:
-    return [drawn(cat, TRUTH, camera) for camera in CAMERAS]
+    return [drawn(cat, TRUTH, camera) for camera in SIX_CAMERAS]
 
 
 @pytest.fixture(scope="module")
 def task(cat, masks) -> Task:
-    return task_of(cat, CAMERAS, masks)
+    return task_of(cat, CAMERAS, masks[:4])
 
 
 def task_of(tracer: RayTracer, cameras: list[Camera], masks: list[np.ndarray], metric: bool = True) -> Task:
@@ -108,7 +115,7 @@ def test_from_six_picks_with_a_pixel_of_noise_silhouettes_agree_to_half_a_pixel(
 
 def test_picks_in_one_photo_place_it_in_a_world_whose_size_the_other_photos_tell(cat, masks):
     cameras = moved_worlds(CAMERAS, 250.0)
-    relative = task_of(cat, cameras, masks, metric=False)
+    relative = task_of(cat, cameras, masks[:4], metric=False)
     world = Similarity(250.0, TRUTH.rotation, 250 * TRUTH.translation)
     points = cat.vertices[np.random.default_rng(3).integers(len(cat.vertices), size=6)]
     rays = pixel_rays(cameras[1], cameras[1].project(world.apply(points)))
@@ -142,7 +149,7 @@ def test_from_far_it_converges_or_says_that_it_did_not(task, cat):
 
 def test_from_nothing_in_a_world_of_any_size(cat, masks):
     world = 250.0
-    found = place_mesh(task_of(cat, moved_worlds(CAMERAS, world), masks, metric=False))
+    found = place_mesh(task_of(cat, moved_worlds(CAMERAS, world), masks[:4], metric=False))
     mesh_to_world, world_scale = placement(found.place)
     assert world_scale == pytest.approx(1 / world, rel=2e-4)
     expected = np.eye(4)
@@ -189,7 +196,7 @@ def test_a_mesh_two_percent_too_large_is_placed_and_named(cat, task):
 
 def test_a_photo_that_contradicts_the_others_is_left_out_and_named(cat, masks):
     wrong = [*masks[:2], np.roll(masks[2], 25, axis=1), *masks[3:5]]
-    found = place_mesh(task_of(cat, CAMERAS[:5], wrong))
+    found = place_mesh(task_of(cat, SIX_CAMERAS[:5], wrong))
     assert found.left_out == ("2.png",)
     assert np.degrees(found.place.angle_to(TRUTH)) < 0.03
     assert any(warning.startswith("2.png is left out") for warning in found.warnings)
@@ -197,9 +204,9 @@ def test_a_photo_that_contradicts_the_others_is_left_out_and_named(cat, masks):
 
 def test_opengl_axes_are_named(cat, masks):
     flip = np.diag([1.0, -1, -1, 1])
-    flipped = [camera.posed(flip @ camera.world_to_camera) for camera in CAMERAS]
+    flipped = [camera.posed(flip @ camera.world_to_camera) for camera in CAMERAS[:3]]
     with pytest.raises(ValueError, match=r"poses look like .*OpenGL axes"):
-        place_mesh(task_of(cat, flipped, masks))
+        place_mesh(task_of(cat, flipped, masks[:3]))
 
 
 def test_symmetric_bodies_are_not_placed_by_silhouettes_alone_but_by_picks():
@@ -207,18 +214,18 @@ def test_symmetric_bodies_are_not_placed_by_silhouettes_alone_but_by_picks():
     # Of few sections it would be a prism, whose edges tell.
     turned = trimesh.creation.revolve(profile, sections=128)
     vase = RayTracer(np.asarray(turned.vertices), np.asarray(turned.faces))
-    masks = [drawn(vase, TRUTH, camera, 3) for camera in CAMERAS[:3]]
-    task = task_of(vase, CAMERAS[:3], masks)
+    masks = [drawn(vase, TRUTH, camera, 3) for camera in CAMERAS[:2]]
+    task = task_of(vase, CAMERAS[:2], masks)
     with pytest.raises(ValueError, match=r"turned about its axis \(-?0.00, -?0.00, -?1.00\), as on a vase"):
         place_mesh(task)
-    found = place_mesh(replace(task, picks=picks_of(vase, 8, 1.0, 1, CAMERAS[:3])))
+    found = place_mesh(replace(task, picks=picks_of(vase, 8, 1.0, 1, CAMERAS[:2])))
     # A pixel at 0.02 m is 1.6 degrees, and eight picks share it.
     assert np.degrees(found.place.angle_to(TRUTH)) < 2
     body = trimesh.creation.box((0.05, 0.04, 0.06))
     brick = RayTracer(np.asarray(body.vertices), np.asarray(body.faces))
-    masks = [drawn(brick, TRUTH, camera, 3) for camera in CAMERAS[:3]]
+    masks = [drawn(brick, TRUTH, camera, 3) for camera in CAMERAS[:2]]
     with pytest.raises(ValueError, match="two orientations of the mesh that are 180 degrees apart"):
-        place_mesh(task_of(brick, CAMERAS[:3], masks))
+        place_mesh(task_of(brick, CAMERAS[:2], masks))
 
 
 @pytest.mark.slow
@@ -255,11 +262,11 @@ def test_error_bars_cover_when_masks_are_drawn_by_a_shaky_hand(cat, masks):
     for seed in range(8):
         rng = np.random.default_rng(seed)
         wavered = []
-        for mask in masks[:4]:
+        for mask in masks[:3]:
             field = gaussian_filter(rng.normal(size=(2, *mask.shape)), (0, 8, 8))
             field *= 0.3 / field.std()
             wavered.append(map_coordinates(mask, [y + field[0], x + field[1]], order=1).astype(np.float32))
-        noisy = task_of(cat, CAMERAS[:4], wavered, metric=False)
+        noisy = task_of(cat, CAMERAS[:3], wavered, metric=False)
         found = place_mesh(replace(noisy, start=TRUTH))
         error = np.concatenate(
             [
@@ -273,9 +280,10 @@ def test_error_bars_cover_when_masks_are_drawn_by_a_shaky_hand(cat, masks):
 
 
 @pytest.mark.sweep
-def test_error_bars_cover_when_poses_shift_whole_photographs(task):
+def test_error_bars_cover_when_poses_shift_whole_photographs(cat, masks):
     """Errors over standard deviations where every photograph is shifted by 0.7 px, 8 draws."""
     scores = []
+    task = task_of(cat, SIX_CAMERAS, masks)
     for seed in range(8):
         rng = np.random.default_rng(seed)
         shifted = [replace(o, points=o.points + 0.7 * rng.normal(size=2)) for o in task.outlines]

@@ -85,7 +85,7 @@ def test_aligning_reads_and_places_what_has_changed(
     lump: Any,  # noqa: F811
     counted: Callable[[Any, str], list[None]],
 ) -> None:
-    folder = lumps.write_set(tmp_path / "set", lump)
+    folder = lumps.write_set(tmp_path / "set", lump, keys=lumps.start_near())
     placed = counted(aligning, "place_mesh")
     run("align", folder)
     found = numbers(folder / "alignment.json")

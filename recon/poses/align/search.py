@@ -25,8 +25,9 @@ Floats = NDArray[np.float64]
 _ROTATIONS = 2000
 # Tangents of each photo, of one or two more; photos that are asked, spread over the set.
 _TANGENTS, _PHOTOS = 20, 6
-# Corners of the mesh's hull that are kept, and rotations whose supports are computed at a time.
-_HULL_POINTS, _AT_A_TIME = 300, 250
+# Corners of the mesh's hull that are kept, rotations whose motions are computed at a time, and whose supports are: all
+# corners along all planes, in a core's cache.
+_HULL_POINTS, _AT_A_TIME, _SUPPORTS_AT_A_TIME = 300, 250, 30
 # Starts that are refined on the hull, and those that are handed on: radians by which they differ, and how much worse
 # than the best they may be, as a factor and in shares of the object's size in the pictures.
 _REFINED, _HANDED_ON, _APART = 160, 12, np.radians(8)
@@ -161,10 +162,15 @@ def _fitted(corners: Floats, planes: _Planes, rotations: Floats, free_scale: boo
 
 def _supports(corners: Floats, planes: _Planes, rotations: Floats) -> tuple[Floats, NDArray[np.int64]]:
     """How far the turned mesh reaches along each plane's normal, (g, m), and the corner that does."""
-    ways = np.einsum("gij,mi->gmj", rotations, planes.normals)
-    reach = (ways.reshape(-1, 3) @ corners.T).reshape(*ways.shape[:2], -1)
-    touching = reach.argmax(axis=2)
-    return np.take_along_axis(reach, touching[:, :, None], axis=2)[:, :, 0], touching
+    support = np.empty((len(rotations), len(planes.normals)))
+    touching = np.empty(support.shape, np.int64)
+    for first in range(0, len(rotations), _SUPPORTS_AT_A_TIME):
+        part = slice(first, first + _SUPPORTS_AT_A_TIME)
+        ways = np.einsum("gij,mi->gmj", rotations[part], planes.normals)
+        reach = (ways.reshape(-1, 3) @ corners.T).reshape(*ways.shape[:2], -1)
+        touching[part] = reach.argmax(axis=2)
+        support[part] = np.take_along_axis(reach, touching[part, :, None], axis=2)[:, :, 0]
+    return support, touching
 
 
 def _solved(support: Floats, planes: _Planes, free_scale: bool) -> tuple[Floats, Floats]:
