@@ -42,7 +42,7 @@ def flat_chart(reflectance: Floats, columns: int, down: bool = False) -> NDArray
 
 
 def photographed(
-    chart: NDArray[np.float32], camera: Floats, shot: Shot, rng: np.random.Generator, width: int = 900
+    chart: NDArray[np.float32], camera: Floats, shot: Shot, rng: np.random.Generator, width: int = 600
 ) -> NDArray[np.float32]:
     """A photograph (h, w, 3), linear camera RGB by a matrix (3, 3) of linear sRGB; a perfect white shows 0.8."""
     height = width * 2 // 3

@@ -81,16 +81,16 @@ def test_corners_lie_where_the_camera_put_them(board, legacy):
     assert_allclose(errors.mean(axis=0), 0, atol=0.02, equal_nan=False)  # four standard errors
 
 
-def test_twelve_megapixels_are_measured_at_full_size():
-    params = CAMERA.params * np.array([6.25, 6.25, 6.25, 6.25, 1, 1, 1, 1])
-    camera = Camera("OPENCV", params, 4000, 3000, np.eye(4))
+def test_six_megapixels_are_measured_at_full_size():
+    params = CAMERA.params * np.array([4.5, 4.5, 4.5, 4.5, 1, 1, 1, 1])
+    camera = Camera("OPENCV", params, 2880, 2160, np.eye(4))
     rng = np.random.default_rng(4)
     (pose,) = board_poses(CHESSBOARD, camera, 1, rng)
     image = board_photo(camera.posed(pose), CHESSBOARD, rng, blur=2, noise=0.01, samples=1)
     detection = detect_board(image, CHESSBOARD)
     assert detection is not None
     errors = detection.points - camera.posed(pose).project(CHESSBOARD.cell_points(detection.cells))
-    # At the scale of the search alone it would be 0.05 px times 4.
+    # At the scale of the search alone it would be 0.05 px times 2.9.
     assert np.sqrt((errors**2).sum(axis=1).mean()) < 0.08
 
 
@@ -172,7 +172,7 @@ def test_a_wrong_size_is_told_with_what_was_seen(said, hint):
 def test_cut_off_views_are_no_wrong_size():
     views = [
         board_view(photo(CHESSBOARD, seed, shift=(0.4, 0.1))[0], CHESSBOARD, f"{seed}.png")
-        for seed in range(4)
+        for seed in range(2)
     ]
     assert any(view.detection is not None and not view.detection.located for view in views)
     check_board(views, CHESSBOARD)
@@ -187,10 +187,10 @@ def test_cut_off_views_are_no_wrong_size():
 )
 def test_a_wrong_charuco_board_is_told_with_what_was_seen(said, says):
     board = parse_board(said)
-    views = [board_view(photo(CHARUCO, seed)[0], board, f"{seed}.png") for seed in range(2)]
-    assert all(view.detection is None for view in views)
+    view = board_view(photo(CHARUCO, 0)[0], board, "0.png")
+    assert view.detection is None
     with pytest.raises(ValueError, match="markers") as caught:
-        check_board(views, board)
+        check_board([view], board)
     assert says in str(caught.value)
 
 

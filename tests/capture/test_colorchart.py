@@ -57,7 +57,7 @@ def one(folder: Path, shot: Shot = Shot(), name: str = "MCC24", seed: int = 0) -
 def test_charts_are_found_patches_read_and_the_matrix_covered(name: str) -> None:
     chart = read_chart(name)
     off = []
-    for number in range(20):
+    for number in range(12):
         rng = np.random.default_rng(number)
         camera = CAMERA * rng.uniform(0.9, 1.1, (3, 1))
         # No chart is as its maker says: a percent off.
@@ -78,7 +78,7 @@ def test_charts_are_found_patches_read_and_the_matrix_covered(name: str) -> None
         assert_allclose(fit.glare[0], shot.glare, atol=0.004)  # four standard deviations
         std = np.sqrt(np.diag(fit.covariance)).reshape(3, 3)
         off.append((fit.matrix - of_neutral_green(camera)) / std)
-    # 180 deviations, nine and nine of which belong together: their RMS is 1 within 0.2.
+    # 108 deviations, nine and nine of which belong together: their RMS is 1 within 0.26.
     assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.3
     assert np.mean(np.abs(off) < 2) > 0.9
 
@@ -168,11 +168,11 @@ def test_faults_of_photographs_are_named(tmp_path: Path) -> None:
     refused(np.full_like(whole, 0.4), "no MCC24 chart is found")
     refused(whole, "laid out like MCC24", "SG140")
     small = photographed(drawn(chart), CAMERA, Shot(size=0.4, shift=(-0.24, 0)), rng)
-    refused(np.hstack([small[:, :450], small[:, :450]]), "2 charts are found")
+    refused(np.hstack([small[:, :300], small[:, :300]]), "2 charts are found")
     refused(photographed(drawn(chart), CAMERA, Shot(shift=(0.35, 0)), rng), "chart")
     cut = np.minimum(whole, 0.6 * whole.max(axis=(0, 1)))
     refused(cut, "patches, 'orange' among them, are saturated")
-    wrong = drawn(chart, chart.srgb[rng.permutation(24)])
+    wrong = drawn(chart, chart.srgb[np.random.default_rng(1).permutation(24)])
     refused(photographed(wrong, CAMERA, Shot(), rng), "chart")
 
 

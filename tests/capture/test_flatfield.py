@@ -39,7 +39,7 @@ def photograph(path: Path, radiance: np.ndarray, rng: np.random.Generator, lens:
     return path
 
 
-def turned(folder: Path, rng: np.random.Generator, count: int = 4, lens: Sensor = LENS) -> list[Path]:
+def turned(folder: Path, rng: np.random.Generator, count: int = 3, lens: Sensor = LENS) -> list[Path]:
     """Photographs of an unevenly lit wall, the camera turned in between."""
     return [
         photograph(folder / f"{n}.png", wall(0.05, 2 * np.pi * n / count), rng, lens) for n in range(count)
@@ -133,7 +133,7 @@ def test_map_holds_what_no_polynomial_does(tmp_path):
     assert found.gain(WIDTH, HEIGHT).max() == pytest.approx(1, abs=0.01)
 
 
-@pytest.mark.parametrize("count", [2, 5])
+@pytest.mark.parametrize("count", [2, 4])
 @pytest.mark.parametrize("turning", [0.0, 2.0])
 def test_a_map_is_as_good_as_it_says(tmp_path, count, turning):
     rng = np.random.default_rng(10)
@@ -170,7 +170,7 @@ def test_one_photograph_knows_that_its_light_may_slope(tmp_path):
     assert np.abs(off).max() < 4
 
 
-@pytest.mark.parametrize("count", [1, 4])
+@pytest.mark.parametrize("count", [1, 3])
 def test_a_wall_bent_along_one_axis_bends_no_lens(tmp_path, count):
     rng = np.random.default_rng(13)
     lens = Sensor(full_well=20_000, focal_px=180.0, centre=(132.0, 73.0))

@@ -61,7 +61,7 @@ def tilted(tilts_deg, rng) -> list[np.ndarray]:
 
 
 def test_boards_without_noise_return_the_camera():
-    calibration = calibrate_detections(detections(0, noise=0.0), BOARD)
+    calibration = calibrate_detections(detections(0, 8, noise=0.0), BOARD)
     assert calibration.model == "OPENCV"
     # OpenCV takes points in float32: 3e-5 px, and a few times that in the parameters.
     assert_allclose(calibration.params[:4], CAMERA.params[:4], atol=2e-3, equal_nan=False)
@@ -80,7 +80,7 @@ def test_boards_without_noise_return_the_camera():
 )
 def test_the_ladder_stops_where_the_lens_does(coefficients, expected):
     camera = Camera("OPENCV", [800, 800, 330, 235, *coefficients], *SIZE, np.eye(4))
-    calibration = calibrate_detections(detections(1, 12, camera), BOARD)
+    calibration = calibrate_detections(detections(1, 8, camera), BOARD)
     assert calibration.model in expected
     assert_allclose(calibration.camera.focal_px, 800, atol=4 * calibration.std[0], equal_nan=False)
 
@@ -127,7 +127,7 @@ def test_derivatives_by_the_pose_are_differences():
 
 
 def test_errors_on_views_left_out_are_what_noise_leaves():
-    calibration = calibrate_detections(detections(5, 20, noise=0.1), BOARD)
+    calibration = calibrate_detections(detections(5, 12, noise=0.1), BOARD)
     # Two coordinates of 0.1 px; half a board's pose adds 6 of 54 coordinates' worth, the lens a little.
     expected = 0.1 * np.sqrt(2 * (1 + 6 / 54))
     assert calibration.held_out_rms == pytest.approx(expected, rel=0.06)
@@ -135,7 +135,7 @@ def test_errors_on_views_left_out_are_what_noise_leaves():
 
 
 def test_a_view_that_does_not_fit_is_named_and_left_out():
-    found = detections(6, 10)
+    found = detections(6, 8)
     bent = found["7.png"]
     x = bent.cells[:, 0] - 4
     found["7.png"] = replace(bent, points=bent.points + np.column_stack([0 * x, 0.15 * x**2]))
@@ -149,7 +149,7 @@ def test_a_view_that_does_not_fit_is_named_and_left_out():
 
 
 def test_a_corner_that_does_not_fit_is_left_out_alone():
-    found = detections(7, 8)
+    found = detections(7, 6)
     points = found["3.png"].points.copy()
     points[20] += [4.0, -3.0]
     found["3.png"] = replace(found["3.png"], points=points)
@@ -157,7 +157,7 @@ def test_a_corner_that_does_not_fit_is_left_out_alone():
     assert {view.name: view.corners_dropped for view in calibration.views if view.corners_dropped} == {
         "3.png": 1
     }
-    assert len(calibration.used) == 8
+    assert len(calibration.used) == 6
 
 
 def test_what_other_corner_windows_do_is_in_the_covariance():
@@ -180,7 +180,7 @@ def test_what_other_corner_windows_do_is_in_the_covariance():
 )
 def test_one_tilt_leaves_the_focal_length_undetermined(tilt):
     rng = np.random.default_rng(9)
-    jitter = rng.normal(0, 0.7, (10, 2))
+    jitter = rng.normal(0, 0.7, (7, 2))
     poses = tilted(np.array(tilt) + jitter, rng)
     with pytest.raises(ValueError, match=r"focal length is undetermined.*tilt the board by 30 degrees"):
         calibrate_detections(detections(9, poses=poses), BOARD)
@@ -188,7 +188,7 @@ def test_one_tilt_leaves_the_focal_length_undetermined(tilt):
 
 def test_a_little_tilt_widens_the_interval_and_says_so():
     rng = np.random.default_rng(10)
-    poses = tilted(rng.uniform(-8, 8, (12, 2)), rng)
+    poses = tilted(rng.uniform(-8, 8, (8, 2)), rng)
     calibration = calibrate_detections(detections(10, poses=poses), BOARD)
     assert calibration.std[0] > 1.0
     assert abs(calibration.params[0] - 800) < 3 * calibration.std[0]
@@ -196,11 +196,11 @@ def test_a_little_tilt_widens_the_interval_and_says_so():
 
 
 def test_a_fit_that_misses_its_corners_is_no_calibration():
-    found = detections(11, 8, smooth=3.0)
+    found = detections(11, 5, smooth=3.0)
     with pytest.raises(ValueError, match="the calibration failed"):
         calibrate_detections(found, BOARD)
-    mixed = {**detections(12, 5, Camera("PINHOLE", [800, 800, 320, 240], *SIZE, np.eye(4)))}
-    other = detections(13, 5, Camera("PINHOLE", [1600, 1600, 320, 240], *SIZE, np.eye(4)))
+    mixed = {**detections(12, 3, Camera("PINHOLE", [800, 800, 320, 240], *SIZE, np.eye(4)))}
+    other = detections(13, 3, Camera("PINHOLE", [1600, 1600, 320, 240], *SIZE, np.eye(4)))
     mixed |= {f"zoomed {name}": each for name, each in other.items()}
     with pytest.raises(ValueError, match="the calibration failed"):
         calibrate_detections(mixed, BOARD)
@@ -227,7 +227,7 @@ def test_parameters_go_to_opencv_and_back(lens):
     assert_allclose(lens.params(matrix, coefficients), params, atol=1e-12, equal_nan=False)  # rounding
 
 
-def bent(seed, sag, count=12) -> dict[str, Detection]:
+def bent(seed, sag, count=10) -> dict[str, Detection]:
     """Views of a board whose middle stands out of its plane by `sag` metres, as a sphere's cap does."""
     rng = np.random.default_rng(seed)
     off = BOARD.corners - BOARD.corners.mean(axis=0)
@@ -258,7 +258,7 @@ def test_a_bent_board_is_named_and_its_harm_is_in_the_intervals():
 def test_residuals_that_are_no_noise_are_noted():
     # The same smooth error in the picture of each view: no board's shape.
     found = {}
-    for name, each in detections(40, 12, noise=0.02, smooth=0.6).items():
+    for name, each in detections(40, 8, noise=0.02, smooth=0.6).items():
         others = each.points + np.random.default_rng(1).normal(0, 0.03, each.other_points.shape)
         found[name] = replace(each, other_points=others)
     calibration = calibrate_detections(found, BOARD)
@@ -282,11 +282,11 @@ def test_a_principal_point_allows_for_a_decentred_lens():
 
 
 def test_a_view_as_good_as_usual_ones_is_kept_among_better_ones():
-    found = detections(41, 9, noise=0.02)
+    found = detections(41, 7, noise=0.02)
     rng = np.random.default_rng(2)
     blurred = found["4.png"]
     found["4.png"] = replace(blurred, points=blurred.points + rng.normal(0, 0.08, blurred.points.shape))
-    assert len(calibrate_detections(found, BOARD).used) == 9
+    assert len(calibrate_detections(found, BOARD).used) == 7
 
 
 def test_too_few_photos_and_photos_without_a_usual_size_are_refused(tmp_path):
@@ -325,13 +325,13 @@ def test_opencvs_photographs(data_dir):
 def test_photographs_with_known_truth_some_of_them_cut_off():
     rng = np.random.default_rng(15)
     found = {}
-    for k, pose in enumerate(board_poses(BOARD, CAMERA, 9, rng)):
+    for k, pose in enumerate(board_poses(BOARD, CAMERA, 8, rng)):
         if k % 3 == 0:
             pose[0, 3] += 0.3 * pose[2, 3] * SIZE[0] / CAMERA.focal_px * np.sign(pose[0, 3])
-        seen = detect_board(board_photo(CAMERA.posed(pose), BOARD, rng, samples=3), BOARD)
+        seen = detect_board(board_photo(CAMERA.posed(pose), BOARD, rng, samples=2), BOARD)
         if seen is not None:
             found[f"{k}.png"] = seen
-    assert len(found) >= 7
+    assert len(found) >= 6
     assert any(not each.located for each in found.values())
     calibration = calibrate_detections(found, BOARD)
     truth = dict(zip(PARAM_NAMES["OPENCV"], CAMERA.params, strict=True)) | {"f": 802.5}

@@ -21,7 +21,7 @@ from capture.files.documents import write_json
 from synthetic.sensing.sensor import RESPONSES, Sensor, expose
 
 
-def scene(rng: np.random.Generator, height: int = 52, width: int = 70) -> np.ndarray:
+def scene(rng: np.random.Generator, height: int = 40, width: int = 54) -> np.ndarray:
     """Smooth random radiance over about eight stops, the same in no two channels."""
     noise = cv2.GaussianBlur(rng.normal(size=(height, width, 3)), (0, 0), 8)
     slope = np.linspace(-2, 2, height)[:, None, None]
@@ -230,7 +230,7 @@ def test_exposures_off_by_a_common_power_are_within_the_intervals(tmp_path):
 
 def test_what_moves_is_left_out(tmp_path):
     def change(radiance, index):  # a box over a twelfth of the picture, elsewhere in each photograph
-        radiance[8:38, 3 + 15 * index : 13 + 15 * index] = (0.4, 0.5, 0.6)
+        radiance[8:30, 3 + 15 * index : 11 + 15 * index] = (0.4, 0.5, 0.6)
         return radiance
 
     times = (0.1, 0.5, 2.5)
@@ -324,7 +324,7 @@ def test_files_that_do_not_belong_together_are_named(tmp_path):
     cv2.imwrite(str(deep), codes.astype(np.uint16))
     rng = np.random.default_rng(0)
     for bad, message in (
-        (small, r"small\.png: is 70x10 pixels, but .*70x52"),
+        (small, r"small\.png: is 54x10 pixels, but .*54x40"),
         (deep, r"deep\.png: is uint16, but"),
     ):
         with pytest.raises(ValueError, match=message):
