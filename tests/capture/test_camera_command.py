@@ -138,13 +138,12 @@ def test_a_photograph_without_a_board_is_named_and_does_no_harm(shots: Path, tmp
 
 def test_a_board_that_is_hardly_seen_or_another_one_is_told(shots: Path, tmp_path: Path) -> None:
     out = tmp_path / "camera.json"
-    for k in range(3):
-        cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((300, 400), 90, np.uint8))
-    few = [*photos(shots)[:2], *(tmp_path / f"{k}.png" for k in range(3))]
-    with pytest.raises(ValueError, match="found in 2 of 5 photos"):
+    cv2.imwrite(str(tmp_path / "empty.png"), np.full((300, 400), 90, np.uint8))
+    few = [*photos(shots)[:2], tmp_path / "empty.png"]
+    with pytest.raises(ValueError, match="found in 2 of 3 photos"):
         run(camera, *few, "--board", SPEC, "-o", out)
-    with pytest.raises(ValueError, match="9x6 inner corners were seen in 6 of 6"):
-        run(camera, *photos(shots), "--board", "chessboard:8x5:0.025", "-o", out)
+    with pytest.raises(ValueError, match="9x6 inner corners were seen in 3 of 3"):
+        run(camera, *photos(shots)[:3], "--board", "chessboard:8x5:0.025", "-o", out)
     with pytest.raises(ValueError, match="is written as JSON"):
         run(camera, *photos(shots), "--board", SPEC, "-o", tmp_path / "camera.toml")
     assert not out.exists()

@@ -136,15 +136,15 @@ def test_a_board_in_some_photos_fixes_place_and_size(
 
 
 def test_a_board_in_all_photos_needs_no_features(tmp_path: Path) -> None:
-    poses = sets.ring(5, 40)
-    sets.write_set(tmp_path / "set", poses, surface="plain", boards=range(5))
+    poses = sets.ring(4, 40)
+    sets.write_set(tmp_path / "set", poses, surface="plain", boards=range(4))
     found = _register(tmp_path / "set", tmp_path / "work", board=sets.BOARD.spec)
     assert (found.method, found.scale_from, found.metric) == ("board", "board", True)
     truth = np.array(poses) @ sets.BOARD_TO_WORLD
     turns, shifts = _errors(found.poses, truth)
     assert np.degrees(turns).max() < 0.15  # some twenty corners of a board that the body covers in part
     assert shifts.max() < 0.003
-    # 30 numbers; corners at the body's edge are off by more than noise.
+    # 24 numbers; corners at the body's edge are off by more than noise.
     assert np.sqrt((_z(found, truth) ** 2).mean()) < 1.8
 
 
