@@ -34,22 +34,34 @@ def backdrop(rng: np.random.Generator, blur: float, size: tuple[int, int] = (HEI
     return (pattern - pattern.min()) / np.ptp(pattern)
 
 
+def seen_from(sphere: Sphere, camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whether the rays through points (n, 2) meet the sphere, and its normals there (n, 3)."""
+    origins, directions = camera.rays(points)
+    offset = origins - sphere.centre
+    half = (offset * directions).sum(axis=1)
+    root = half**2 - (offset**2).sum(axis=1) + sphere.radius**2
+    normals = (offset + (-half - np.sqrt(np.maximum(root, 0)))[:, None] * directions) / sphere.radius
+    return root > 0, normals
+
+
 def shaded(
     sphere: Sphere, camera: Camera, light, ambient, behind, n: int = 5, blur: float = 0.0
 ) -> np.ndarray:
     """A matte sphere (albedo 1) before a backdrop: means over n x n points of each pixel; radiance (h, w)."""
+    y, x = np.mgrid[: camera.height, : camera.width] + 0.5
+    rows, columns = np.nonzero(
+        seen_from(sphere, camera, np.column_stack([x.ravel(), y.ravel()]))[0].reshape(x.shape)
+    )
+    # No pixel further out than two from those whose middle shows the sphere has any part of it.
+    top, left = np.maximum([rows.min() - 2, columns.min() - 2], 0)
+    bottom, right = np.minimum([rows.max() + 3, columns.max() + 3], x.shape)
     steps = (np.arange(n) + 0.5) / n
-    x = (np.arange(camera.width)[:, None] + steps).ravel()
-    y = (np.arange(camera.height)[:, None] + steps).ravel()
-    origins, directions = camera.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
-    offset = origins - sphere.centre
-    half = (offset * directions).sum(axis=1)
-    root = half**2 - (offset**2).sum(axis=1) + sphere.radius**2
-    inside = root > 0
-    normals = (offset + (-half - np.sqrt(np.maximum(root, 0)))[:, None] * directions) / sphere.radius
-    lit = ambient + np.clip(normals @ (np.array(light) / np.linalg.norm(light)), 0, None)
-    lit = np.where(inside, lit, 0.0).reshape(camera.height, n, camera.width, n).mean(axis=(1, 3))
-    cover = inside.reshape(camera.height, n, camera.width, n).mean(axis=(1, 3))
+    x, y = ((np.arange(*ends)[:, None] + steps).ravel() for ends in ((left, right), (top, bottom)))
+    inside, normals = seen_from(sphere, camera, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    shade = ambient + np.clip(normals @ (np.array(light) / np.linalg.norm(light)), 0, None)
+    lit, cover = np.zeros((2, camera.height, camera.width))
+    for whole, part in ((lit, np.where(inside, shade, 0.0)), (cover, inside)):
+        whole[top:bottom, left:right] = part.reshape(bottom - top, n, right - left, n).mean(axis=(1, 3))
     radiance = lit + (1 - cover) * behind
     return cv2.GaussianBlur(radiance, (0, 0), blur) if blur else radiance
 
