@@ -41,7 +41,7 @@ def shots(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rng = np.random.default_rng(0)
     printed = parse_board(SPEC)
     for k, pose in enumerate(board_poses(printed, TRUE, 6, rng, fill=0.7)):
-        picture = board_photo(TRUE.posed(pose), printed, rng, samples=3)
+        picture = board_photo(TRUE.posed(pose), printed, rng, samples=2)
         cv2.imencode(".png", picture)[1].tofile(folder / f"ansicht {k}.png")
     return folder
 
