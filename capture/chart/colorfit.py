@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from capture.chart.chart import Chart
 from capture.chart.colorspaces import XYZ_FROM_SRGB
@@ -22,6 +22,8 @@ LUMINANCE = XYZ_FROM_SRGB[1]
 _DARK, _LIGHTNESS = 0.01, 2 / 3
 # How much more certain greys count than other patches, at most; rounds to find out.
 _MOST_CERTAIN, _ROUNDS = 8.0, 4
+# Trials of a fit: a chart's own takes a dozen, that of another chart would take thousands.
+_MOST_TRIALS = 300
 # Exponents that the search begins at, of a linear camera and of an sRGB file; camera numbers that count as black.
 _EXPONENTS, _BLACK = (1.0, 2.2), 1e-6
 # Numbers of a photograph: light over the chart, of second degree and r^4 as lenses fall off; how its colour changes
@@ -115,14 +117,14 @@ def fit_color(chart: Chart, photos: Sequence[SeenPatches]) -> ColorFit:
     numbers = np.concatenate([start.T.ravel(), own[1:]])
     seen = _Seen(rgb, places, reference, lightness)
     for _ in range(_ROUNDS):
-        solved = least_squares(seen.off, numbers, x_scale="jac", method="lm")
+        solved = _least(seen.off, numbers)
         numbers = solved.x
         left = np.abs((seen.shown(numbers) - reference) * lightness[:, None])
         scatter = np.sqrt((left**2).mean(axis=(0, 2)))
         colours, greys = (float(np.sqrt(np.mean(scatter[of] ** 2))) for of in (~grey, grey))
         more = np.clip(colours / max(greys, 1e-12), 1.0, _MOST_CERTAIN)
         seen = _Seen(rgb, places, reference, lightness * np.where(grey, more, 1.0))
-    solved = least_squares(seen.off, numbers, x_scale="jac", method="lm")
+    solved = _least(seen.off, numbers)
     matrix, light, tint, glare = seen.parts(solved.x)
     covariance = _covariance(solved.jac, solved.fun)
     scaled, change = _keeping_green(matrix)
@@ -148,13 +150,18 @@ def fit_color(chart: Chart, photos: Sequence[SeenPatches]) -> ColorFit:
     )
 
 
+def _least(off: Callable[[Floats], Floats], start: Floats) -> OptimizeResult:
+    """The least squares of residuals from a start on, as far as `_MOST_TRIALS` lead."""
+    return least_squares(off, start, x_scale="jac", method="lm", max_nfev=_MOST_TRIALS)
+
+
 def _exponent(seen: _Seen, numbers: Floats) -> tuple[float, float]:
     """The power of the camera's numbers that fits best with all else, and its standard deviation."""
 
     def off(more: Floats) -> Floats:
         return replace(seen, rgb=np.maximum(seen.rgb, _BLACK) ** more[-1]).off(more[:-1])
 
-    ways = [least_squares(off, np.append(numbers, start), x_scale="jac", method="lm") for start in _EXPONENTS]
+    ways = [_least(off, np.append(numbers, start)) for start in _EXPONENTS]
     best = min(ways, key=lambda way: float(way.cost))
     return float(best.x[-1]), float(np.sqrt(_covariance(best.jac, best.fun)[-1, -1]))
 
