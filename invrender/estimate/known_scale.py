@@ -77,9 +77,19 @@ def given_scale(
     photoset: PhotoSet, lightings: Mapping[str, Lighting], body: Body | None = None
 ) -> KnownScale:
     """What references of a set say of given lightings, by name; body : the object, if it is known."""
+    return _by_ones(find_references(photoset, body), lightings)
+
+
+def check_lit(references: Sequence[Reference], lightings: Mapping[str, Lighting]) -> None:
+    """ValueError as of `known_scale`, before there is a fit; lightings : that fitted photographs are under, by name."""
+    _by_ones(references, lightings)
+
+
+def _by_ones(references: Sequence[Reference], lightings: Mapping[str, Lighting]) -> KnownScale:
+    """`known_scale` with strengths of one."""
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
     ones = {name: np.ones((len(own), 3)) for name, own in elements.items()}
-    return known_scale(find_references(photoset, body), ones, elements)
+    return known_scale(references, ones, elements)
 
 
 def _at(element: LightElement, reference: Reference) -> LightElement:

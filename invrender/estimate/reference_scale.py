@@ -170,7 +170,7 @@ def _check_lit(reference: Reference, fallen: Floats, falls: Falls) -> None:
     )
     if (fallen <= _GRAZING * brightest).any():
         raise ValueError(
-            f"{reference.where}: by the fit next to no light falls on it the way that it faces,"
+            f"{reference.where}: next to no light falls on it the way that it faces,"
             f" {np.round(reference.normals.mean(axis=0), 2).tolist()}: check its normal and its frame, the world's"
         )
 
