@@ -8,7 +8,7 @@ import re
 
 import pytest
 
-from .sourcetrees import ROOT, trees
+from .sourcetrees import ROOT, outlines
 
 # The field has terms for these: candidate, lighting design, scene geometry, specular share, outlier, transmittance.
 FORMER = (
@@ -64,15 +64,11 @@ def test_every_row_of_the_glossary_is_a_term_with_one_sentence() -> None:
 
 def test_no_public_name_is_a_former_private_word() -> None:
     found = []
-    for path, tree in trees().items():
+    for path, outline in outlines().items():
         if path.parts[0] == "synthetic":
             continue  # its doll is painted
         names = [part.removesuffix(".py") for part in path.parts]
-        names += [
-            node.name
-            for node in ast.walk(tree)
-            if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_")
-        ]
+        names += [name for name in (*outline.classes, *outline.functions) if not name.startswith("_")]
         for name in names:
             snake = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
             padded = f"_{snake}_"
@@ -82,9 +78,7 @@ def test_no_public_name_is_a_former_private_word() -> None:
 
 def test_the_architecture_names_types_that_exist() -> None:
     text = (ROOT / "docs/architecture.md").read_text()
-    classes = {
-        node.name for tree in trees().values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
-    }
+    classes = {name for outline in outlines().values() for name in outline.classes}
     named = set(re.findall(r"`([A-Z]\w+[a-z]\w*)`", text))
     assert len(named) > 20
     assert not named - classes
@@ -111,9 +105,9 @@ def test_the_architecture_lists_packages_in_the_order_of_their_imports() -> None
         return listed.index(max(holding, key=len)) if holding else None
 
     wrong = set()
-    for path, tree in trees().items():
+    for path, outline in outlines().items():
         own = place(".".join(path.with_suffix("").parts))
-        for node in ast.walk(tree):
+        for node in outline.imports:
             if isinstance(node, ast.ImportFrom) and node.module and own is not None:
                 target = place(node.module)
                 if target is not None and target > own:

@@ -9,21 +9,22 @@ from graphlib import TopologicalSorter
 
 import pytest
 
-from .sourcetrees import trees
+from .sourcetrees import Outline, outlines
 
 
 @cache
-def modules() -> dict[str, ast.Module]:
+def modules() -> dict[str, Outline]:
     """Every module of ours, by its name."""
     return {
-        ".".join(path.with_suffix("").parts).removesuffix(".__init__"): tree for path, tree in trees().items()
+        ".".join(path.with_suffix("").parts).removesuffix(".__init__"): outline
+        for path, outline in outlines().items()
     }
 
 
-def imported(tree: ast.Module) -> set[str]:
+def imported(outline: Outline) -> set[str]:
     """Modules of ours that a module imports, wherever in it."""
     found = set()
-    for node in ast.walk(tree):
+    for node in outline.imports:
         if isinstance(node, ast.ImportFrom) and node.module:
             found |= {
                 full if (full := f"{node.module}.{name.name}") in modules() else node.module
@@ -43,7 +44,7 @@ def package(module: str) -> str:
 @cache
 def imports() -> dict[str, set[str]]:
     """Modules of ours that each imports."""
-    return {module: imported(tree) for module, tree in modules().items()}
+    return {module: imported(outline) for module, outline in modules().items()}
 
 
 def test_packages_import_one_way() -> None:
@@ -95,9 +96,9 @@ def test_only_the_program_imports_commands() -> None:
 
 def test_a_public_class_is_defined_once() -> None:
     homes = defaultdict(list)
-    for module, tree in modules().items():
-        for node in tree.body:
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                homes[node.name].append(module)
+    for module, outline in modules().items():
+        for name in outline.own_classes:
+            if not name.startswith("_"):
+                homes[name].append(module)
     assert len(homes) > 300
     assert not {name: modules for name, modules in homes.items() if len(modules) > 1}

@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from tests.invrender.faultysets import write_set
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
 _OPTIONS = (
@@ -17,8 +20,8 @@ _OPTIONS = (
     "--disable-background-networking",
     "--disable-component-update",
     "--no-first-run",
-    # Pages are put together on the processor at once, not by a graphics card that the processor imitates: a third of the
-    # time. Only WebGL is drawn by that card.
+    # Pages are put together on the processor at once, not by a graphics card that the processor imitates: that takes
+    # three times as long. Only WebGL is drawn by that card.
     "--disable-gpu-compositing",
 )
 # Milliseconds that tests wait for what a page should show: other tests share the cores.
@@ -50,3 +53,21 @@ def page(browser: Browser) -> Iterator[Page]:
     yield opened
     opened.close()
     assert not errors
+
+
+@pytest.fixture(scope="session")
+def ball_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight photographs of a ball under a lamp each; tests that change anything copy them."""
+    return write_set(tmp_path_factory.mktemp("original") / "set")
+
+
+@pytest.fixture
+def ball_copy(ball_original: Path, tmp_path: Path) -> Path:
+    """A copy of them that a test may change."""
+    return Path(shutil.copytree(ball_original, tmp_path / "set"))
+
+
+@pytest.fixture
+def coarse_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages state how far live pictures are off from pictures of a sixteenth of the pixels."""
+    monkeypatch.setattr("invrender.output.live.drawn._SIDE", 40)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,20 +13,9 @@ from playwright.sync_api import Browser, Page, expect
 from capture.decode import photo_mask
 from capture.photoset import load_photoset
 from tests.browser.visits import visited
-from tests.invrender.faultysets import SIZE, change_manifest, write_set
+from tests.invrender.faultysets import SIZE, change_manifest
 
 Place = tuple[float, float]
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_set(tmp_path_factory.mktemp("ball") / "set")
-
-
-@pytest.fixture
-def folder(made: Path, tmp_path: Path) -> Path:
-    """A set of eight photographs with masks, to be changed."""
-    return Path(shutil.copytree(made, tmp_path / "set"))
 
 
 def opened(page: Page) -> Callable[[float, float], Place]:
@@ -57,9 +45,9 @@ def square(first: int, last: int) -> NDArray[np.bool_]:
     return found
 
 
-def test_a_polygon_becomes_the_mask_and_a_stroke_takes_some_of_it_away(page: Page, folder: Path) -> None:
-    change_manifest(folder, r'mask = "000_mask.png"\n', lambda _: "")
-    with visited(page, folder):
+def test_a_polygon_becomes_the_mask_and_a_stroke_takes_some_of_it_away(page: Page, ball_copy: Path) -> None:
+    change_manifest(ball_copy, r'mask = "000_mask.png"\n', lambda _: "")
+    with visited(page, ball_copy):
         at = opened(page)
         expect(page.locator("#photo-facts")).to_contain_text("none")
         page.get_by_role("radio", name="Polygon").check()
@@ -68,7 +56,7 @@ def test_a_polygon_becomes_the_mask_and_a_stroke_takes_some_of_it_away(page: Pag
         for corner in ((7, 7), (61, 7), (61, 61)):
             page.mouse.click(*at(*corner))
         page.mouse.dblclick(*at(7, 61))
-        found = saved(page, folder)
+        found = saved(page, ball_copy)
         np.testing.assert_array_equal(found[square(8, 60)], 1)
         np.testing.assert_array_equal(found[~square(6, 62)], 0)
         # The page has read the set anew: the mask is one of its facts.
@@ -89,20 +77,22 @@ def test_a_polygon_becomes_the_mask_and_a_stroke_takes_some_of_it_away(page: Pag
         page.mouse.click(*at(30, 30))
         expect(page.get_by_role("button", name="Save the mask")).to_be_disabled()
         page.locator("#photo").press("Backspace")
-        rest = saved(page, folder)
+        rest = saved(page, ball_copy)
         np.testing.assert_array_equal(rest[31:37], 0)
         np.testing.assert_array_equal(rest[:29], found[:29])
         np.testing.assert_array_equal(rest[39:], found[39:])
     # The file that the manifest no longer named is left alone, and the first mask is kept when the second replaces it.
-    assert {path.name for path in folder.glob("000*_mask.png")} == {"000_mask.png", "000-2_mask.png"}
-    assert [path.name for path in (folder / ".studio" / "masks").iterdir()] == ["000-2_mask-1.png"]
+    assert {path.name for path in ball_copy.glob("000*_mask.png")} == {"000_mask.png", "000-2_mask.png"}
+    assert [path.name for path in (ball_copy / ".studio" / "masks").iterdir()] == ["000-2_mask-1.png"]
 
 
 @pytest.mark.slow
-def test_a_mask_is_drawn_with_the_keyboard_alone_from_the_one_that_is_there(page: Page, folder: Path) -> None:
-    before = photo_mask(load_photoset(folder).photos[0])
+def test_a_mask_is_drawn_with_the_keyboard_alone_from_the_one_that_is_there(
+    page: Page, ball_copy: Path
+) -> None:
+    before = photo_mask(load_photoset(ball_copy).photos[0])
     assert before is not None
-    with visited(page, folder):
+    with visited(page, ball_copy):
         opened(page)
         page.get_by_role("radio", name="Polygon").focus()
         page.keyboard.press("Space")
@@ -130,7 +120,7 @@ def test_a_mask_is_drawn_with_the_keyboard_alone_from_the_one_that_is_there(page
         expect(page.get_by_role("button", name="Discard")).to_be_disabled()
         page.locator("#photos button").nth(0).click()
         expect(page.get_by_role("button", name="Discard")).to_be_enabled()
-        after = saved(page, folder)
+        after = saved(page, ball_copy)
     rows, columns = np.mgrid[:SIZE, :SIZE]
     taken = columns - 34 > rows + 3
     np.testing.assert_array_equal(after[taken & (rows > 1) & (columns < 66)], 0)
@@ -140,11 +130,13 @@ def test_a_mask_is_drawn_with_the_keyboard_alone_from_the_one_that_is_there(page
 
 
 @pytest.mark.slow
-def test_a_draft_can_be_discarded_and_a_mask_that_is_empty_is_refused(browser: Browser, folder: Path) -> None:
+def test_a_draft_can_be_discarded_and_a_mask_that_is_empty_is_refused(
+    browser: Browser, ball_copy: Path
+) -> None:
     # Not the fixture's page: browsers report the answer that says what is wrong as an error.
     page = browser.new_page(viewport={"width": 1280, "height": 720})
-    before = (folder / "000_mask.png").read_bytes()
-    with visited(page, folder):
+    before = (ball_copy / "000_mask.png").read_bytes()
+    with visited(page, ball_copy):
         at = opened(page)
         page.get_by_role("radio", name="Polygon").check()
         page.get_by_label("Take away").check()
@@ -157,4 +149,4 @@ def test_a_draft_can_be_discarded_and_a_mask_that_is_empty_is_refused(browser: B
         page.get_by_role("button", name="Discard").click()
         expect(page.get_by_role("button", name="Save the mask")).to_be_disabled()
     page.close()
-    assert (folder / "000_mask.png").read_bytes() == before
+    assert (ball_copy / "000_mask.png").read_bytes() == before
