@@ -8,8 +8,9 @@ from __future__ import annotations
 import json
 import shlex
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ from benchmarks.atlas.light import (
     soft_light_theory,
     two_sources_draw,
 )
-from benchmarks.atlas.stage import Finding
+from benchmarks.atlas.stage import Finding, Stage
 from benchmarks.atlas.sweep import gathered
 from benchmarks.atlas.views import steepest_draw, steepest_theory
 from benchmarks.contest import Outcome
@@ -54,6 +55,7 @@ from benchmarks.programs import PROGRAMS
 from benchmarks.race import race_figure
 from benchmarks.scaling import exponent
 from capture.files.imagefile import write_exr
+from tests.invrender.fewforms import few_forms_tried
 
 FAR = 4.0
 
@@ -63,6 +65,14 @@ def holds(finding: Finding, far: float = FAR) -> bool:
     assert finding.error is not None
     assert finding.std is not None
     return finding.stated and abs(finding.error) < far * finding.std
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _coarse() -> Iterator[None]:
+    """Fewer samples than the atlas' own, and few forms beside the true one."""
+    with pytest.MonkeyPatch.context() as patch, few_forms_tried():
+        patch.setattr("benchmarks.atlas.faults.Stage", partial(Stage, samples=600))
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -30,10 +30,10 @@ def kept(bench: Served, light: str, *regions: object) -> tuple[int, dict[str, st
     return status, json.loads(answer)
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A small set that says nothing of its light but one of its lamps' directions."""
-    path = write_set(tmp_path / "set") / "photoset.toml"
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small set that says nothing of its light but one of its lamps' directions; tests leave it as it is."""
+    path = write_set(tmp_path_factory.mktemp("ball") / "set") / "photoset.toml"
     text = re.sub(
         r'(name = "lamp [1-7]"\n)directional = .*\n', r"\1unknown = true # dark\n", path.read_text()
     )
@@ -41,7 +41,7 @@ def folder(tmp_path: Path) -> Path:
     return path.parent
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def bench(folder: Path) -> Iterator[Served]:
     with served(folder) as found:
         yield found

@@ -24,8 +24,8 @@ from synthetic.sensing.noise import Noise
 from synthetic.shapes.ball import Ball
 from synthetic.writer import TRUTH_NAME, write_photoset
 
-# Every third photograph, the first and the last among them.
-STAGING = replace(demo_staging(), scene=replace(demo_staging().scene, shots=demo_staging().scene.shots[::3]))
+# Every sixth photograph.
+STAGING = replace(demo_staging(), scene=replace(demo_staging().scene, shots=demo_staging().scene.shots[::6]))
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.fresnel import fresnel_dielectric
 from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
-from synthetic.render.lobes import irradiance, reflected_radiance
+from synthetic.render.lobes import _irradiance_by_angle, irradiance, reflected_radiance
 
 Floats = np.ndarray
 
@@ -96,7 +96,7 @@ def test_specular_peak_under_one_source_by_hand() -> None:
 @pytest.mark.parametrize("name", ["teflon", "steel", "painted"])
 def test_two_orders_of_quadrature_agree(name: str, rng: np.random.Generator) -> None:
     material = radiometric(RH01_MATERIALS[name])
-    normals, views = surface_points(rng, np.geomspace(1e-3, 1, 1500))
+    normals, views = surface_points(rng, np.geomspace(1e-3, 1, 800))
     coarse = reflected_radiance(material, [SOFT], [], normals, views)
     fine = reflected_radiance(material, [SOFT], [], normals, views, order=40)
     # Documented: 1e-4 of the specular part, grazing views included. The floor is 1e-6 of the brightest.
@@ -110,7 +110,7 @@ def test_tables_of_integrals_agree_with_the_integrals(
     name: str, width: float, rng: np.random.Generator
 ) -> None:
     material, light = radiometric(RH01_MATERIALS[name]), replace(SOFT, width_rad=width)
-    normals, views = surface_points(rng, np.linspace(1e-3, 1, 3000))
+    normals, views = surface_points(rng, np.linspace(1e-3, 1, 1000))
     # Seen along the normal, and with the light behind the viewer and before: the poles of the table's angles.
     poles = [(light.axis, light.axis), (views[-1], light.axis), (views[-1], -light.axis)]
     normals = np.concatenate([normals, [n if n @ v > 0 else -n for n, v in poles]])
@@ -145,13 +145,18 @@ def test_narrow_lobe_is_a_mirror(rng: np.random.Generator) -> None:
     assert_allclose(radiance, expected, rtol=0.03)
 
 
-def test_narrow_area_light_tends_to_a_directional_source(rng: np.random.Generator) -> None:
+def test_narrow_area_light_tends_to_a_directional_source(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Its irradiance is smooth where it is looked at: a quarter of the table's angles, which no other test keeps.
+    monkeypatch.setattr("synthetic.render.lobes._IRRADIANCE_NODES", 65)
+    monkeypatch.setattr("synthetic.render.lobes._irradiance_by_angle", _irradiance_by_angle.__wrapped__)
     # Two formulas of one limit: energy 2 pi w^2 L as irradiance, from one direction.
     material = radiometric(RH01_MATERIALS["steel"])
     axis, width = np.array([0.1, -0.5, 0.8]), 0.02
     spot = AreaLight(axis, np.ones(3), width)
     source = DirectionalSource(axis, np.full(3, 2 * np.pi * width**2))
-    normals, views = surface_points(rng, np.linspace(0.4, 1, 300))
+    normals, views = surface_points(rng, np.linspace(0.4, 1, 100))
     lit = normals @ spot.axis > 0.3
     broad = reflected_radiance(material, [spot], [], normals[lit], views[lit], order=100)
     sharp = reflected_radiance(material, [], [source], normals[lit], views[lit])

@@ -53,7 +53,9 @@ def test_unknown_wavelengths_are_refused(wavelengths: list[float], message: str)
         reflectance_to_srgb(wavelengths, np.ones(len(wavelengths)))
 
 
-@pytest.mark.parametrize(("name", "hue"), [("krylon_blue", 2), ("garnet_red", 0)])
+@pytest.mark.parametrize(
+    ("name", "hue"), [("krylon_blue", 2), pytest.param("garnet_red", 0, marks=pytest.mark.slow)]
+)
 def test_measured_paint_is_reproduced(data_dir: Path, name: str, hue: int, rng: np.random.Generator) -> None:
     samples = read_cornell(data_dir / "brdf" / f"{name}.brdf")
     assert len(samples.rgb) == 1439

@@ -72,7 +72,7 @@ def merl_bytes(table: np.ndarray) -> bytes:
 def test_a_known_material_survives_the_format_of_merl(tmp_path: Path, rng: np.random.Generator) -> None:
     known = SmithMaterial(ZERO, ONE, 1.5, BeckmannSlopes(0.15, 0.15))
     colour = np.array([0.3, 0.6, 0.9])
-    wi, wo = directions(RusinkiewiczAngles(*np.broadcast_arrays(*bin_centres((90, 90, 180)))))
+    wi, wo = directions(RusinkiewiczAngles(*np.broadcast_arrays(*bin_centres((90, 90, 45)))))
     table = (known.lobe(wi, wo) + 0.1) * colour
     table[(wi[..., 2] <= 0) | (wo[..., 2] <= 0)] = -1  # as the database marks what cannot be seen
     path = tmp_path / "known.binary"

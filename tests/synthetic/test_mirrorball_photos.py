@@ -41,9 +41,9 @@ area = [{ azimuth_deg = 100, elevation_deg = 40, radiance = [1.5, 1.6, 1.8], wid
 directional = [{ azimuth_deg = -20, elevation_deg = 25, irradiance = [1.6, 1.5, 1.35] }]
 given = "ball"
 [camera]
-width = 160
-height = 120
-focal_px = 1350
+width = 120
+height = 90
+focal_px = 1012
 [mirror_ball]
 radius = 0.02
 [[view]]
@@ -88,7 +88,7 @@ def test_the_light_is_read_off_the_ball(file: str, sets: dict[str, tuple[Path, S
     assert isinstance(area, AreaLight)
     assert not found.warnings
     assert found.directions.shape == (1, 3)
-    # A pixel of the ball's picture, 45 px in radius, turns its reflection by 2.5 degrees.
+    # A pixel of the ball's picture, 34 px in radius, turns its reflection by 3.4 degrees.
     assert np.degrees(np.arccos(found.directions[0] @ source.direction)) < 0.3
     # The lamp shows as a disc of a pixel's size, which 64 points per pixel cut to some percent.
     assert_allclose(found.irradiances[0], source.irradiance, rtol=0.03)
@@ -128,21 +128,21 @@ def test_a_ball_shows_all_its_light_and_nothing_beside_it(sets: dict[str, tuple[
         radiance = read_pixels(folder / f"{stem}.exr")
         mask = read_pixels(folder / f"{stem}_mask.png")[..., 0]
         assert not radiance[mask == 0].any()
-        # 45 px in radius, at the object's place: a little off the middle of the picture.
-        assert_allclose((mask / 255).sum(), np.pi * 45**2, rtol=0.02)
-        # The lamp, a disc of a pixel's turn, 2 / 45 rad: irradiance / (pi sin^2) where it fills a pixel.
-        assert 0.7 < radiance.max() / (1.6 / (np.pi * np.sin(2 / 45) ** 2)) < 1
+        # 34 px in radius, at the object's place: a little off the middle of the picture.
+        assert_allclose((mask / 255).sum(), np.pi * 33.75**2, rtol=0.02)
+        # The lamp, a disc of a pixel's turn, 2 / 34 rad: irradiance / (pi sin^2) where it fills a pixel.
+        assert 0.7 < radiance.max() / (1.6 / (np.pi * np.sin(2 / 33.75) ** 2)) < 1
 
 
 def test_a_lens_that_vignettes_darkens_the_ball_too(sets: dict[str, tuple[Path, Staging]]) -> None:
     through, ideal = (read_pixels(sets[name][0] / "mirrorball" / "lab-1.exr") for name in ("dng", "exr"))
     sensor = sets["dng"][1].sensor
     assert isinstance(sensor, Development)
-    assert_allclose(through, ideal * vignetting(sensor.sensor, 160, 120)[..., None], rtol=1e-6)  # float32
+    assert_allclose(through, ideal * vignetting(sensor.sensor, 120, 90)[..., None], rtol=1e-6)  # float32
     assert through[0, 0].max() == ideal[0, 0].max() == 0
 
 
-COARSE = SCENE.replace("160", "40").replace("120", "30").replace("1350", "340")
+COARSE = SCENE.replace("120", "40").replace("90", "30").replace("1012", "340")
 
 
 def test_a_ball_is_as_large_as_the_object_unless_that_fills_the_picture(tmp_path: Path) -> None:
