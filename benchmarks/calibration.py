@@ -65,7 +65,7 @@ _DRAWS, _SAMPLES = 12, 20_000
 
 def draw_calibration(out: Path, quick: bool) -> None:
     """Write calibration.md, calibration.png and what they were made from, calibration.json."""
-    draws, samples = (1, 4000) if quick else (_DRAWS, _SAMPLES)
+    draws, samples = (1, 1500) if quick else (_DRAWS, _SAMPLES)
     kept = Kept(out / "calibration.json", {"draws": draws, "samples": samples})
     for name in ("ball",) if quick else _OBJECTS:
         cases = [case for case, own in _CASES.items() if name == "cat" or "height" not in own]

@@ -2,6 +2,7 @@
 
     python -m benchmarks.many DIR/many.png          30 to 3,000 photographs, then 300 by 1 and more workers; 15 minutes
     python -m benchmarks.many DIR/many.png 20,40    other numbers of photographs; the third, or last, by workers
+    python -m benchmarks.many DIR/many.png 20 2000  of so many samples
 
 The photographs are those of the built-in demonstration, repeated by symbolic links: the files are small, and what is
 measured is what each photograph costs beyond its pixels. Nothing is kept from one run to the next.
@@ -17,7 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,8 @@ from capture.parallel import cores
 from capture.photoset import MANIFEST_NAME
 from capture.tasks.store import CACHE_VARIABLE
 from capture.terminal import PROGRESS_VARIABLE
-from synthetic.demo import write_demo
+from synthetic.demo import demo_staging
+from synthetic.writer import write_photoset
 
 _PHOTOGRAPHS = (30, 100, 300, 1000, 3000)
 # Stages by what progress bars call them; what comes before, between and after them is the rest.
@@ -148,24 +150,29 @@ def many_figure(
     return figure
 
 
-def main(figure: str, sizes: str = "") -> None:
-    """Measure, print and draw."""
+def main(figure: str, sizes: str = "", samples: str = "") -> None:
+    """Measure, print and draw. samples : those that each run takes; as many as usual if empty."""
+    few = ("--samples", samples) if samples else ()
     counts = tuple(int(size) for size in sizes.split(",")) if sizes else _PHOTOGRAPHS
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
-        write_demo(place / "photographs")
+        staging = demo_staging()
+        shots = staging.scene.shots[: max(counts)]
+        write_photoset(replace(staging, scene=replace(staging.scene, shots=shots)), place / "photographs")
         costs = []
         print("photographs   all [s]   memory [MB]   " + "   ".join((*_STAGES.values(), _REST)))
         for count in counts:
             costs.append(
-                cost(repeated(place / "photographs", place / f"set{count}", count), place / f"run{count}")
+                cost(
+                    repeated(place / "photographs", place / f"set{count}", count), place / f"run{count}", *few
+                )
             )
             _print(str(count), costs[-1])
         middle = counts[min(2, len(counts) - 1)]
         by_workers = {f"{cores()} threads": costs[counts.index(middle)]}
         for workers in range(1, cores() + 1):
             name = f"{workers} process{'es' if workers > 1 else ''}"
-            options = ("--workers", str(workers))
+            options = ("--workers", str(workers), *few)
             by_workers[name] = cost(place / f"set{middle}", place / f"workers{workers}", *options)
             _print(f"{middle}, {name}", by_workers[name])
     save(many_figure(counts, costs, middle, by_workers), Path(figure), machine_words(machine()))

@@ -14,7 +14,7 @@ from benchmarks.peer import NO_LLVM, has_mitsuba
 
 _ROOT = Path(__file__).parents[1]
 # Arguments of each, and of its coarse version. DIR is the folder of the charts.
-_COARSE_SPHERES = "--part table --light unknown --views 3 --materials teflon --rungs exact --samples 1500"
+_COARSE_SPHERES = "--part table --light unknown --views 3 --materials teflon --rungs exact --samples 800"
 _PROGRAMS: dict[str, tuple[str, str]] = {
     "spheres": (
         # Coverage and timing take half an hour: python -m benchmarks.spheres.
@@ -23,13 +23,13 @@ _PROGRAMS: dict[str, tuple[str, str]] = {
     ),
     "statistics": ("", "4"),
     "harmonics": ("", "1"),
-    "rays": ("DIR/rays.png", "DIR/rays.png 0.002"),
+    "rays": ("DIR/rays.png", "DIR/rays.png 0.002 --once"),
     "synth": ("DIR/synth.png", "DIR/synth.png rh01-steel"),
     "decode": ("", "2"),
     "stream": ("", "1"),
     # At full size, which is 1, a quarter of an hour.
     "texture": ("0.15", "0.03"),
-    "many": ("DIR/many.png", "DIR/many.png 10"),
+    "many": ("DIR/many.png", "DIR/many.png 4 1000"),
     "whole": ("DIR/whole.png", "DIR/whole.png --only plan-sphere"),
     "startup": ("", "1"),
     "mitsuba": ("DIR/mitsuba.png", "DIR/mitsuba.png rh01-steel"),

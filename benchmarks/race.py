@@ -27,7 +27,7 @@ from capture.parallel import one_blas_thread
 
 Floats = NDArray[np.float64]
 
-_BUDGETS, _QUICK_BUDGETS = (500, 2000, 8000, 32000), (500, 1000)
+_BUDGETS, _QUICK_BUDGETS = (500, 2000, 8000, 32000), (300, 600)
 _LABELS = {
     "Ks share": "absolute error",
     "mu": "absolute error",

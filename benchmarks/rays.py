@@ -1,11 +1,12 @@
 """Rays through `recon.mesh.rays` against bare `embreex` times cores, in one run.
 
-    python -m benchmarks.rays [OUT.png [EDGE ...]]
+    python -m benchmarks.rays [OUT.png [EDGE ...]] [--once]
 
 On the cat, for meshes of several sizes, by the grid's edge in metres: a camera's first hits with weights, shadow rays
 from the points hit, and rays over the hemispheres of vertices. Bare is `EmbreeScene.run` with single-precision arrays
 made beforehand, in one call and one thread, times the number of cores. They take turns; the ratios of the medians
 count: of the time on the clock, and of the processors' time, which other programs on the machine disturb less.
+`--once` takes one turn alone, to see whether all works.
 """
 
 from __future__ import annotations
@@ -105,14 +106,16 @@ def seconds(work: Callable[[], object]) -> tuple[float, float]:
     return time.perf_counter() - clock, time.process_time() - processors
 
 
-def measured(work: Work, single: RayTracer, spread: RayTracer) -> tuple[float, float, float, float, float]:
+def measured(
+    work: Work, single: RayTracer, spread: RayTracer, rounds: int = _ROUNDS
+) -> tuple[float, float, float, float, float]:
     """Bare rays per second and core, and the shares of it that the tracer reaches.
 
     On all cores by the clock and by the processors' time, and in one thread by the processor's time; and, by the
     clock, what bare calls themselves reach of that when every core makes one at once.
     """
     bare, alone, together, crowd = [], [], [], []
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         bare.append(seconds(work.bare))
         alone.append(seconds(lambda: work.traced(single)))
         together.append(seconds(lambda: work.traced(spread)))
@@ -133,8 +136,8 @@ def all_at_once(work: Callable[[], object]) -> None:
         thread.join()
 
 
-def main(out: Path, edges: Sequence[float]) -> None:
-    """Print the ratios and draw them."""
+def main(out: Path, edges: Sequence[float], rounds: int = _ROUNDS) -> None:
+    """Print the ratios, medians of some rounds, and draw them."""
     from matplotlib.figure import Figure
 
     shares: dict[str, list[float]] = {}
@@ -152,7 +155,7 @@ def main(out: Path, edges: Sequence[float]) -> None:
         spread = RayTracer(mesh.vertices, mesh.faces, on_all_cores=True)
         counts.append(len(mesh.faces))
         for work in works(mesh, single):
-            bare, *share = measured(work, single, spread)
+            bare, *share = measured(work, single, spread, rounds)
             columns = "{:10.0%} {:10.0%} | {:10.0%} | {:10.0%}".format(*share)
             print(f"{len(mesh.faces):8d} {work.name:12} {bare:10.3g} | {columns}")
             shares.setdefault(work.name, []).append(share[0])
@@ -171,7 +174,9 @@ def main(out: Path, edges: Sequence[float]) -> None:
 
 
 if __name__ == "__main__":
+    given = [word for word in sys.argv[1:] if word != "--once"]
     main(
-        Path(sys.argv[1]) if len(sys.argv) > 1 else Path("rays.png"),
-        [float(e) for e in sys.argv[2:]] or _EDGES,
+        Path(given[0]) if given else Path("rays.png"),
+        [float(e) for e in given[1:]] or _EDGES,
+        1 if "--once" in sys.argv else _ROUNDS,
     )

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -59,17 +60,17 @@ AXES = (
         "samples",
         "samples, of 6 photographs, light of degree 8",
         (2000, 4000, 8000, 16000, 32000),
-        (500, 1000),
+        (300, 600),
         {"pass": 1, "unknown light": 1, "known light": 1},
     ),
     Axis(
         "photographs",
         f"photographs of {_PER_PHOTO} samples, light of degree 8",
         (6, 12, 24, 48, 96),
-        (2, 4),
+        (2, 3),
         {"pass": 1, "unknown light": 1, "known light": 1},
     ),
-    Axis("l_max", f"degree of the light, {_SAMPLES} samples", (8, 12, 16, 24, 32, 40), (4, 8), {"pass": 4}),
+    Axis("l_max", f"degree of the light, {_SAMPLES} samples", (8, 12, 16, 24, 32, 40), (4, 6), {"pass": 4}),
 )
 
 
@@ -109,17 +110,21 @@ def staged(axis: str, size: int) -> Stage:
     return Stage(views=_VIEWS, samples=_SAMPLES, l_max=size)
 
 
-def measured(axis: str, size: int, task: str) -> tuple[float, float]:
-    """Least seconds of some runs, and megabytes at the peak beyond those before; in a process of its own."""
+def measured(axis: str, size: int, task: str, quick: bool) -> tuple[float, float]:
+    """Least seconds of some runs, and megabytes at the peak beyond those before; in a process of its own.
+
+    quick : of one run, without one before it.
+    """
     stage = staged(axis, size)
     fields = stage.drawn(0)
     with one_blas_thread():
         forget_peak()
         before = peak_megabytes()
         run = TASKS[task](fields, stage)
-        run()
+        if not quick:
+            run()
         seconds = []
-        for _ in range(_REPEATED if task == "pass" else 1):
+        for _ in range(_REPEATED if task == "pass" and not quick else 1):
             begin = time.perf_counter()
             run()
             seconds.append(time.perf_counter() - begin)
@@ -145,7 +150,7 @@ def draw_scaling(out: Path, quick: bool) -> None:
         workers, spawn = os.cpu_count() if quick else 1, multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(workers, spawn, max_tasks_per_child=None if quick else 1) as pool:
             for (axis, size, task), value in zip(
-                tasks, pool.map(measured, *zip(*tasks, strict=True)), strict=True
+                tasks, pool.map(partial(measured, quick=quick), *zip(*tasks, strict=True)), strict=True
             ):
                 found.setdefault(axis, {}).setdefault(task, []).append(value)
                 print(f"  {axis}, {task}, {size}", flush=True)

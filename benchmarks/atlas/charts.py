@@ -20,7 +20,7 @@ from capture.tasks.cluster import connected
 
 _DRAWS, _QUICK_DRAWS = 4, 1
 # Of the boundaries, one in so many shows that sweeps are drawn; tests/test_benchmarks.py has points of most.
-_QUICK_EVERY = 4
+_QUICK_EVERY = 6
 # Errors beyond so many standard deviations are listed: of 500 numbers one is, by chance.
 _FAR = 3.0
 

@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 _PSM = Path(__file__).parents[2] / "tests" / "sets" / "psm"
 # One photograph in so many is held out; as many disjoint sets repeat the numbers.
 _EVERY = 4
-_QUICK_SAMPLES = 6000
+_QUICK_SAMPLES = 1500
 # Published materials that are none of the models, and lamps about each.
 _ABC, _ABC_LAMPS = ("gold-paint", "yellow-paint", "delrin", "red-plastic", "pvc", "violet-rubber"), 24
 _PEERS = {"Lambertian": 0, "one GGX lobe": 1, "two GGX lobes": 2}

@@ -32,7 +32,7 @@ from recon.harmonics.complex import project_sources
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 _ORDERS, _SAMPLES = (6, 12), 30_000
-_FEW_ORDERS, _FEW_SAMPLES = (3, 5), 3000
+_FEW_ORDERS, _FEW_SAMPLES = (2, 4), 1000
 _PRINTED = {
     "albedo": ("0.86", "0.87"),
     "Kd / (Kd + Ks)": ("0.89", "0.91"),

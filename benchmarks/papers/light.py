@@ -38,7 +38,7 @@ from recon.sampling.find import find_body
 Floats = NDArray[np.float64]
 
 _SCENE = "rh01-lighting"
-_SAMPLES, _FEW = 20_000, 2000
+_SAMPLES, _FEW = 20_000, 800
 HARMONICS = ("0,0", "1,-1", "1,0", "1,1", "2,-2", "2,-1", "2,0", "2,1", "2,2")
 
 

@@ -12,14 +12,14 @@ from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_path
 from synthetic.writer import write_photoset
 
-# At 0.6 m a sphere of 20 mm appears 27 px in radius.
-_SMALL = {"width": "96", "height": "72", "focal_px": "810"}
+# At 0.6 m a sphere of 20 mm appears 18 px in radius.
+_SMALL = {"width": "64", "height": "48", "focal_px": "540"}
 _FEW = {"photos": "8", "step_deg": "22.5"}
 _CHANGED = {
     "rh01-teflon": {**_SMALL, **_FEW, "held_out": "[3]"},
     "rh01-lighting": {**_SMALL, **_FEW, "held_out": "[3]"},
     "rh01-area": {**_SMALL, **_FEW},
-    "rh01-marschner": _SMALL,
+    "rh01-marschner": {**_SMALL, "photos": "20", "step_deg": "9", "held_out": "[10]"},
 }
 
 

@@ -34,7 +34,7 @@ from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
-_VIEWS, _SAMPLES, _FEW = 60, 25_000, 2500
+_VIEWS, _SAMPLES, _FEW = 60, 25_000, 1200
 # So many views lie between those of the fit.
 _BETWEEN, _DEGREE = 7, 30
 # Kd, Ks, mu and sigma as printed, under known and unknown light [Fig. 11].

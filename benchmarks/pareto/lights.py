@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 _NINE = "largest error of the light's first nine coefficients, over degree 0"
 _DEGREES, _QUICK_DEGREES = (4, 8, 12, 16, 20), (4,)
-_BUDGETS, _QUICK_BUDGETS = (2000, LightingChoices.samples), (2000,)
+_BUDGETS, _QUICK_BUDGETS = (2000, LightingChoices.samples), (1000,)
 
 # Photographs and samples of them: the light's first nine coefficients (9, 3), and radiance of unseen photographs.
 Method = Callable[[SpherePhotos, Microfacet, int], tuple[Floats, list[Floats]]]

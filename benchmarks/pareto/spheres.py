@@ -31,7 +31,7 @@ _BUDGETS: tuple[int | None, ...] = (500, 2000, 8000, 32000, None)
 _LEVEL = (500, 2000, 8000)
 _ORDERS, _ORDER_BUDGET = (6, 8, 12), 8000
 # Of a coarse version; the last is what the default of `process` is in it.
-_QUICK_BUDGET, _QUICK_ORDERS, _QUICK_DEFAULT, _QUICK_TRANSFERS = 2000, (8,), 500, TRANSFERS[1:2]
+_QUICK_BUDGET, _QUICK_ORDERS, _QUICK_DEFAULT, _QUICK_TRANSFERS = 1200, (8,), 500, TRANSFERS[1:2]
 
 Method = Callable[[SpherePhotos], Found]
 
@@ -39,7 +39,7 @@ Method = Callable[[SpherePhotos], Found]
 @cache
 def photographed(quick: bool) -> SpherePhotos:
     """Twelve photographs, or six small ones, all pixels of them."""
-    return sphere_photos(Stage(views=6 if quick else 12, radius_px=30 if quick else 45), 0)
+    return sphere_photos(Stage(views=4 if quick else 12, radius_px=24 if quick else 45), 0)
 
 
 def sphere_boards(quick: bool) -> list[Board]:
