@@ -18,7 +18,7 @@ from recon.mesh.trianglemesh import read_mesh, write_mesh
 from synthetic.scenes.build import read_staging
 from synthetic.writer import write_photoset
 
-_FACES = 6000
+_FACES = 3000
 _SCENE = """format = 1
 name = "small cat"
 [object]

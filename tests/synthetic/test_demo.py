@@ -24,7 +24,7 @@ from synthetic.sensing.noise import Noise
 from synthetic.shapes.ball import Ball
 from synthetic.writer import TRUTH_NAME, write_photoset
 
-# Every sixth photograph.
+# Every sixth photograph, the first and the last among them.
 STAGING = replace(demo_staging(), scene=replace(demo_staging().scene, shots=demo_staging().scene.shots[::6]))
 
 
