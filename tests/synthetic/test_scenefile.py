@@ -304,8 +304,9 @@ def test_a_file_that_is_missing_or_no_text(tmp_path: Path) -> None:
         read_staging(tmp_path)
 
 
-def test_the_painted_doll_bounces_no_lobe_of_rh01(tmp_path: Path) -> None:
+def test_the_painted_doll_bounces_no_lobe_of_rh01(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Its material is a texture over one.
+    monkeypatch.setattr("synthetic.scenes.build._TEXTURE_HEIGHT", 32)
     doll = WHOLE.replace(OBJECT, '[object]\nshape = "doll"\nedge = 0.004\n').replace(MATERIAL, "")
     with pytest.raises(ValueError, match="RH01's lobe as printed"):
         read(tmp_path, doll + "[render]\nbounces = 1\n")
