@@ -9,6 +9,7 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -67,24 +68,26 @@ def holds(finding: Finding, far: float = FAR) -> bool:
     return finding.stated and abs(finding.error) < far * finding.std
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _coarse() -> Iterator[None]:
-    """Fewer samples than the atlas' own, and few forms beside the true one."""
-    with pytest.MonkeyPatch.context() as patch, few_forms_tried():
+@contextmanager
+def few_samples() -> Iterator[None]:
+    """Fewer samples of faulty photographs than the atlas takes."""
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr("benchmarks.atlas.faults.Stage", partial(Stage, samples=600))
         yield
 
 
 @pytest.fixture(scope="module")
 def plain() -> dict[str, Finding]:
-    """Unknown light, 1% noise, nothing wrong."""
-    return noise_draw(0.01, 1)
+    """Unknown light, 1% noise, nothing wrong; few samples."""
+    with few_samples():
+        return noise_draw(0.01, 1)
 
 
 @pytest.fixture(scope="module")
 def noise() -> dict[str, Finding]:
     """What theory says of it."""
-    return noise_theory(0.01)
+    with few_samples():
+        return noise_theory(0.01)
 
 
 def test_time_is_of_the_innermost_stage() -> None:
@@ -138,7 +141,8 @@ def test_mu_needs_grazing_views() -> None:
 
 
 def test_bars_grow_with_noise_and_still_hold(plain: dict[str, Finding], noise: dict[str, Finding]) -> None:
-    loud = noise_draw(0.1, 1)
+    with few_samples():
+        loud = noise_draw(0.1, 1)
     for name, expected in noise.items():
         assert holds(plain[name])
         assert holds(loud[name])
@@ -148,13 +152,15 @@ def test_bars_grow_with_noise_and_still_hold(plain: dict[str, Finding], noise: d
 
 
 def test_bars_hold_what_wrong_poses_do(noise: dict[str, Finding]) -> None:
-    found = pose_draw(1.0, 1)
+    with few_samples():
+        found = pose_draw(1.0, 1)
     assert all(holds(finding) for finding in found.values())
     assert (found["sigma"].std or 0) > 2 * (noise["sigma"].std or 0)
 
 
 def test_saturated_highlights_cost_what_theory_says() -> None:
-    found, theory = saturation_draw(0.1, 0), saturation_theory(0.1)
+    with few_samples():
+        found, theory = saturation_draw(0.1, 0), saturation_theory(0.1)
     assert all(holds(finding) for finding in found.values())
     assert_allclose(found["mu"].std or 0, theory["mu"].std or 0, rtol=0.4)
 
@@ -179,15 +185,17 @@ def test_bars_hold_what_many_outliers_do() -> None:
     ids=["known light", "unknown light"],
 )
 def test_a_near_lamp_costs_little_more_than_one_far_away(
-    draw: Callable[[float, int], dict[str, Finding]], noise: dict[str, Finding]
+    draw: Callable[[float, int], dict[str, Finding]],
 ) -> None:
+    noise = noise_theory(0.01)
     for name, found in draw(0.1, 1).items():
         assert holds(found)
         assert (found.std or 0) < 3 * (noise[name].std or 0)
 
 
 def test_crossed_filters_tell_what_soft_light_hides() -> None:
-    plain, pairs = soft_draw(90, 0), soft_draw(90, 0, polarised=True)
+    with few_forms_tried():
+        plain, pairs = soft_draw(90, 0), soft_draw(90, 0, polarised=True)
     assert plain["Ks share"].status == "undetermined"
     assert plain["mu"].status == "absent"
     assert pairs["Ks share"].status == pairs["mu"].status == "determined"
