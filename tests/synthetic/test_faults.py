@@ -85,7 +85,7 @@ def test_mesh_noise_has_the_size_and_the_reach_that_are_asked(rng):
     offset = np.einsum("dvi,vi->dv", draws, mesh.normals)
     assert_allclose(draws, offset[..., None] * mesh.normals, atol=1e-15)  # along the normals
     size = np.sqrt(np.mean(offset**2, axis=0))
-    # 300 draws: 4 relative standard errors are 16%; 260 vertices share some hundred patches.
+    # 300 draws: 4 relative standard errors are 16%; 320 vertices share some hundred patches.
     assert_allclose(size, std, rtol=0.2)
     assert size.mean() == pytest.approx(std, rel=0.03)
     # Correlation with the north pole: exp(-distance^2 / (2 reach^2)), 300 draws good to 0.06 each.
