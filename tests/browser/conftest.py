@@ -21,7 +21,7 @@ _OPTIONS = (
     "--disable-component-update",
     "--no-first-run",
     # Pages are put together on the processor at once, not by a graphics card that the processor imitates: that takes
-    # three times as long. Only WebGL is drawn by that card.
+    # twice the processor's time and more. Only WebGL is drawn by that card.
     "--disable-gpu-compositing",
 )
 # Milliseconds that tests wait for what a page should show: other tests share the cores.

@@ -107,6 +107,7 @@ def test_a_mesh_shadows_itself_as_it_does_when_rendered(
         assert apart(found, picture.radiance, picture.coverage) < error.worst + 0.01
 
 
+@pytest.mark.slow
 def test_keys_and_fields_turn_object_light_and_lamp(page: Page, sphere: tuple[Path, ExportedPage]) -> None:
     page.set_viewport_size({"width": 900, "height": 400})
     opened(page, sphere[1].files[0])

@@ -348,6 +348,7 @@ def test_bars_of_absolute_kd_cover_over_draws(tmp_path: Path) -> None:
     assert 0.3 < np.sqrt(np.mean(np.square(off))) < 1.3
 
 
+@pytest.mark.slow
 def test_paint_in_unknown_light_is_absolute_by_a_card(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -63,6 +63,7 @@ def test_a_result_keeps_the_numbers_of_its_form() -> None:
         assert dict(again.numbers) == given
 
 
+@pytest.mark.slow
 def test_a_real_paints_base_and_highlight_are_found_among_simpler_ones(bench) -> None:
     # A narrow core in a haze on a coated base, none of which a single lobe above a Lambertian or plastic base explains.
     form = COATED_HAZY[GGX_FORM].with_numbers({"coat": 0.7, "haze": 0.4, "spread": 5.0})

@@ -97,6 +97,7 @@ def doll(photoset: PhotoSet) -> tuple[Run, tuple[Any, ...]]:
     return fitted(photoset)
 
 
+@pytest.mark.slow
 def test_a_textures_numbers_say_what_calibration_has_of_their_bars(doll: tuple[Run, tuple[Any, ...]]) -> None:
     run, _ = doll
     for name in ("sigma", "mu", "kd", "ks"):

@@ -81,6 +81,7 @@ def unknown(*names: str, also: str = "") -> str:
     return "".join(f'[[lighting]]\nname = "{name}"\nunknown = true\n{also}' for name in names)
 
 
+@pytest.mark.slow
 def test_two_unknown_lightings_yield_one_brdf_and_a_map_each(
     small_set: Path, tmp_path: Path, few_forms: None
 ):
