@@ -14,7 +14,7 @@ from capture.photo import Photo
 from capture.photoset import PhotoSet, load_photoset
 from invrender.brdf.lobes import GGX_FORM, RH01_FORM
 from invrender.estimate.textured import calibration
-from invrender.estimate.textured.influence import influence_of
+from invrender.estimate.textured.influence import PointInfluence, influence_of
 from invrender.estimate.textured.search import SolvedPoints, TexturedModel
 from invrender.estimate.textured.seen import Seen, transfers_of
 from invrender.estimate.textured.texel_observations import TexelObservations
@@ -57,7 +57,7 @@ def test_rows_move_means_as_solving_anew_does(specular: bool, ks_varies: bool) -
         return np.average(np.concatenate([values.kd, values.ks], axis=1), axis=0, weights=weights)
 
     here = SolvedPoints.by(model, stack, d, s)
-    found = influence_of(here, np.zeros((rows, 3, 0)), [])
+    found = influence_of(PointInfluence.of(here), np.zeros((rows, 3, 0)), [])
     assert found.sure.all()
     change = 1e-3 * rng.standard_normal((rows, 3))
     expected = means(stack.radiance + change) - means(stack.radiance)

@@ -24,7 +24,7 @@ from invrender.estimate.forms import beside
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import NoiseModel, fit_noise, photo_weights
 from invrender.estimate.search import OTHER_FORMS
-from invrender.estimate.textured.influence import RowInfluence, influence_of
+from invrender.estimate.textured.influence import PointInfluence, RowInfluence, influence_of
 from invrender.estimate.textured.search import (
     LADDER,
     SolvedPoints,
@@ -35,7 +35,7 @@ from invrender.estimate.textured.search import (
     solved,
     textured_models,
 )
-from invrender.estimate.textured.texel_equations import PointValues, common_ks
+from invrender.estimate.textured.texel_equations import common_ks
 from invrender.estimate.textured.texel_observations import TexelObservations, TexelRows
 
 Floats = NDArray[np.float64]
@@ -352,25 +352,26 @@ def _uncertainty(model: TexturedModel, stack: TexelObservations, point: Floats) 
     """How sure the search's coordinates are, as `uncertainty.uncertainty_of` has it, and what moves them.
 
     All points' own numbers are solved for anew as the coordinates move: what is left of the residuals' slopes is what
-    depends on these alone. Clusters are tiles of photographs.
+    depends on these alone. Numbers at zero stay there: points that leave it would make most of differences. Clusters
+    are tiles of photographs.
     """
     size = len(point)
     here = SolvedPoints.of(model, stack, point)
+    points = PointInfluence.of(here)
     if not size:
         none = np.zeros((0, 0))
-        return _Spread(none, none, np.zeros(0), influence_of(here, np.zeros((len(stack.at), 3, 0)), []))
+        return _Spread(none, none, np.zeros(0), influence_of(points, np.zeros((len(stack.at), 3, 0)), []))
     root = np.sqrt(stack.weight)
+    sides = [(point - axis, point + axis) for axis in _STEP * np.eye(size)]
+    ends = [(numbers_at(model, less), numbers_at(model, more)) for less, more in sides]
+    _, *by_coordinate = stack.around(numbers_at(model, point), ends, np.full(size, 2 * _STEP))
+    changes = [here.kd * base + here.ks * lobe for base, lobe in by_coordinate]
 
-    def solved_at(at: Floats) -> tuple[Floats, PointValues]:
-        there = SolvedPoints.of(model, stack, at)
-        return there.predicted * root, there.values
+    def left_of(change: Floats) -> Floats:
+        kd, ks = points.moved(change)
+        return (change - kd[stack.at] * here.d - ks[stack.at] * here.s) * root
 
-    slopes, ends = [], []
-    for axis in _STEP * np.eye(size):
-        (more, above), (less, below) = solved_at(point + axis), solved_at(point - axis)
-        slopes.append((more - less) / (2 * _STEP))
-        ends.append((below, above, 2 * _STEP))
-    jacobian = np.stack(slopes, axis=-1)  # (rows, 3, k)
+    jacobian = np.stack([left_of(change) for change in changes], axis=-1)  # (rows, 3, k)
     residual, freedom = here.residual * root, 3 * float(np.maximum(here.values.freedom, 0).sum())
     reduced = float((residual**2).sum()) / max(freedom, 1)
     # A prior: what the photographs don't touch would have an infinite variance, and drag the other with it.
@@ -384,4 +385,4 @@ def _uncertainty(model: TexturedModel, stack: TexelObservations, point: Floats) 
     wider = np.maximum(pull(residual) / np.sqrt(np.diag(inverse)), 1)
     moved = jacobian * root[..., None] @ inverse / reduced
     misfit = inverse * (np.outer(wider, wider) - 1)
-    return _Spread(inverse, misfit, pull(here.predicted * root), influence_of(here, moved, ends))
+    return _Spread(inverse, misfit, pull(here.predicted * root), influence_of(points, moved, changes))

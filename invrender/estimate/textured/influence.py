@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.estimate.textured.search import SolvedPoints
-from invrender.estimate.textured.texel_equations import PointValues, determined
+from invrender.estimate.textured.texel_equations import determined
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -57,41 +57,63 @@ class RowInfluence:
         return moved
 
 
-def influence_of(
-    here: SolvedPoints, shared: Floats, ends: Sequence[tuple[PointValues, PointValues, float]]
-) -> RowInfluence:
+@dataclass(frozen=True, eq=False)
+class PointInfluence:
+    """What one unit of radiance in a row's channel adds to Kd and Ks of points, sigma and mu fixed.
+
+    own : (r, 3, 2), common : (r, 3), follow : (size, 3), as of `RowInfluence`. Numbers that are zero stay so.
+    """
+
+    here: SolvedPoints
+    own: Floats
+    common: Floats
+    follow: Floats
+
+    @classmethod
+    def of(cls, here: SolvedPoints) -> PointInfluence:
+        """Of a solution of all points."""
+        stack, values, sums = here.stack, here.values, here.sums
+        kd_free, ks_free = values.kd > 0, values.ks > 0
+        none = np.zeros_like(sums.dd)
+        by_dd, by_ds, by_ss = _over(kd_free, sums.dd), none, none
+        common, follow = np.zeros_like(here.d), none
+        at, d, s, weight = stack.at, here.d, here.s, stack.weight
+        if here.model.ks_varies:
+            determinant = sums.dd * sums.ss - sums.ds**2
+            both = kd_free & ks_free & (determinant > 1e-6 * sums.dd * sums.ss)
+            inverse = _over(both, determinant)
+            by_dd = np.where(both, sums.ss * inverse, by_dd)
+            by_ds = -sums.ds * inverse
+            by_ss = np.where(both, sums.dd * inverse, _over(ks_free & ~kd_free, sums.ss))
+        elif here.model.specular:
+            # All points share Ks; their Kd follow it.
+            follow = -sums.ds * by_dd
+            total = (sums.ss + sums.ds * follow).sum(axis=0)
+            common = weight * (s + follow[at] * d) * _over(ks_free[0], total)
+        own = [weight * (by_dd[at] * d + by_ds[at] * s), weight * (by_ds[at] * d + by_ss[at] * s)]
+        return cls(here, np.stack(own, axis=-1), common, follow)
+
+    def moved(self, change: Floats) -> tuple[Floats, Floats]:
+        """By how much Kd and Ks of points, (size, 3) each, move with a change (r, 3) of the rows."""
+        added = self.here.stack.added
+        ks = (self.common * change).sum(axis=0)
+        return added(self.own[..., 0] * change) + self.follow * ks, added(self.own[..., 1] * change) + ks
+
+
+def influence_of(here: PointInfluence, shared: Floats, changes: Sequence[Floats]) -> RowInfluence:
     """Of a solution of all points.
 
-    shared : as of `RowInfluence`. ends : for each coordinate of the search, the points' values below and above a width
-    of it, and this width.
+    shared : as of `RowInfluence`. changes : for each coordinate of the search (r, 3), derivatives of the rows by it, Kd
+    and Ks fixed.
     """
-    stack, values, sums = here.stack, here.values, here.sums
-    kd_free, ks_free = values.kd > 0, values.ks > 0
-    none = np.zeros_like(sums.dd)
-    by_dd, by_ds, by_ss = _over(kd_free, sums.dd), none, none
-    common, follow = np.zeros_like(here.d), none
-    at, d, s, weight = stack.at, here.d, here.s, stack.weight
-    if here.model.ks_varies:
-        determinant = sums.dd * sums.ss - sums.ds**2
-        both = kd_free & ks_free & (determinant > 1e-6 * sums.dd * sums.ss)
-        inverse = _over(both, determinant)
-        by_dd = np.where(both, sums.ss * inverse, by_dd)
-        by_ds = -sums.ds * inverse
-        by_ss = np.where(both, sums.dd * inverse, _over(ks_free & ~kd_free, sums.ss))
-    elif here.model.specular:
-        # All points share Ks; their Kd follow it.
-        follow = -sums.ds * by_dd
-        total = (sums.ss + sums.ds * follow).sum(axis=0)
-        common = weight * (s + follow[at] * d) * _over(ks_free[0], total)
-    own = [weight * (by_dd[at] * d + by_ds[at] * s), weight * (by_ds[at] * d + by_ss[at] * s)]
-    slopes = [
-        np.concatenate([above.kd - below.kd, above.ks - below.ks], axis=1) / width
-        for below, above, width in ends
-    ]
-    by_shared = np.stack(slopes, axis=-1) if slopes else np.zeros((len(values.kd), 6, 0))
-    arrays = (here.kd, here.ks, shared, np.stack(own, axis=-1), common, follow, by_shared)
+    solved = here.here
+    slopes = np.zeros((len(solved.values.kd), 6, len(changes)))
+    for k, change in enumerate(changes):
+        # What the lobe shows more, Kd and Ks make up for.
+        slopes[..., k] = -np.concatenate(here.moved(change), axis=1)
+    arrays = (solved.kd, solved.ks, shared, here.own, here.common, here.follow, slopes)
     kd, ks, *rest = (of.astype(np.float32) for of in arrays)
-    return RowInfluence(at, stack.photo, determined(values), kd, ks, *rest)
+    return RowInfluence(solved.stack.at, solved.stack.photo, determined(solved.values), kd, ks, *rest)
 
 
 def _over(free: NDArray[np.bool_], of: Floats) -> Floats:
