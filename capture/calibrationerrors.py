@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +66,11 @@ class CalibrationErrors:
         """Whether there is any, of light directions apart."""
         moved = self.poses or self.stated_pose or self.lenses or self.mesh_place is not None or self.height
         return bool(moved or self.extinction) or self.color is not None
+
+    @property
+    def geometric(self) -> CalibrationErrors:
+        """Those that move what photographs show, without those of colours and filters."""
+        return replace(self, color=None, extinction=0.0)
 
     def poses_about(self, centre: Floats, cameras: Mapping[str, Camera]) -> tuple[SharedError, ...]:
         """Errors of poses; centre : the object's, (3,). cameras : of photographs by their labels."""

@@ -66,9 +66,9 @@ def calibration_scores(
     Errors of different photographs, lenses and sources are independent. turns : but not of sources where photographs
     gave their directions, (2 m, 2 m), radians, the covariance about `tangents`.
     """
-    directions = {name: own for name, own in lightings.items() if own.direction_std_deg is not None}
-    if not errors.named and not directions:
+    if not are_any(errors, lightings):
         return {}
+    directions = {name: own for name, own in lightings.items() if own.direction_std_deg is not None}
     tally = _Tally(list(photos))
     if poses := errors.poses_about(body.centre, {photo.label: photo.scene.camera for photo in tally.photos}):
         _add_cameras(tally, "poses", body, found, poses, pose_motion, body.size)
@@ -89,6 +89,11 @@ def calibration_scores(
         columns = np.concatenate([_by_direction(tally, own) for own in directions.values()], axis=1)
         tally.enter("light_directions", columns if turns is None else columns @ _root(turns, directions))
     return tally.scores()
+
+
+def are_any(errors: CalibrationErrors, lightings: Mapping[str, Lighting]) -> bool:
+    """Whether errors are known of which `calibration_scores` says something."""
+    return errors.named or any(own.direction_std_deg is not None for own in lightings.values())
 
 
 class _Tally:

@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from capture.photoset import PhotoSet
 from invrender.estimate.quantities import ReferenceScore
 from invrender.estimate.reference_scale import ReferenceGauge, ReferenceScale, check_under, places_of
 from invrender.transport.transfer import LightElement, diffuse_transfer, light_elements
-from recon.mesh.bodies import Body
-from recon.reference import Reference, find_references
+from recon.reference import Reference
 
 Floats = NDArray[np.float64]
 Elements = Mapping[str, Sequence[LightElement]]
@@ -73,20 +71,8 @@ def known_scale(
     return KnownScale(gauge, scale.factor, scale.scores(scale.factor), scale.remarks)
 
 
-def given_scale(
-    photoset: PhotoSet, lightings: Mapping[str, Lighting], body: Body | None = None
-) -> KnownScale:
-    """What references of a set say of given lightings, by name; body : the object, if it is known."""
-    return _by_ones(find_references(photoset, body), lightings)
-
-
-def check_lit(references: Sequence[Reference], lightings: Mapping[str, Lighting]) -> None:
-    """ValueError as of `known_scale`, before there is a fit; lightings : that fitted photographs are under, by name."""
-    _by_ones(references, lightings)
-
-
-def _by_ones(references: Sequence[Reference], lightings: Mapping[str, Lighting]) -> KnownScale:
-    """`known_scale` with strengths of one."""
+def given_scale(references: Sequence[Reference], lightings: Mapping[str, Lighting]) -> KnownScale:
+    """What references say of lightings as they are given, by name: those that fitted photographs are under."""
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
     ones = {name: np.ones((len(own), 3)) for name, own in elements.items()}
     return known_scale(references, ones, elements)

@@ -23,6 +23,7 @@ from recon.lighting import frame_warnings, read_lighting
 from recon.mesh.bodies import SphereBody
 from recon.normals.integration import surface_points
 from recon.normals.normalmap import picture_axes, read_normal_map
+from recon.reference import find_references
 from recon.sampling.find import check_unfiltered
 from recon.sphere.sphere import Sphere
 
@@ -114,7 +115,8 @@ def read_capture(photoset: PhotoSet, track: Track = silent) -> StereoCapture:
         lighting for photo, lighting in zip(photoset.photos, lightings, strict=True) if not photo.held_out
     ]
     _check_span(photoset, fitted)
-    scale = given_scale(photoset, {photo.lighting: by_name[photo.lighting] for photo in photoset.photos})
+    used = {photo.lighting: by_name[photo.lighting] for photo in photoset.photos}
+    scale = given_scale(find_references(photoset), used)
     rows, columns = np.nonzero(inside)
     read = partial(_read, photoset, rows, columns)
     photos = list(parallel_map(read, track(photoset.photos, "Reading photographs")))

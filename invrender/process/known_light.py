@@ -17,7 +17,7 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.named import NamedCause, named_causes
 from invrender.estimate.calibration import calibration_scores, weighed_photos
 from invrender.estimate.explanation import Explanation
-from invrender.estimate.known_scale import check_lit, known_scale
+from invrender.estimate.known_scale import given_scale, known_scale
 from invrender.estimate.lamp_directions import (
     FEWER,
     FoundDirections,
@@ -72,7 +72,8 @@ def solve_known_light(
     with clock.on("recon"):
         lightings = used_lightings(photoset, geometry.body)
         references = find_references(photoset, geometry.body)
-        check_lit(references, {photo.lighting: lightings[photo.lighting] for photo in photoset.fitted})
+        # A reference that tells nothing is named before the fit.
+        given_scale(references, {photo.lighting: lightings[photo.lighting] for photo in photoset.fitted})
 
     def explained(under: Mapping[str, Lighting], causes: bool = True) -> ExplainedSet:
         return explain_set(photoset, geometry, under, samples, clock, track, find_causes and causes)

@@ -20,10 +20,11 @@ from capture.photoset import PhotoSet
 from capture.progress import Track, counted
 from capture.tasks.stage import kept_result
 from invrender.brdf.form import LobeForm
+from invrender.estimate.calibration import are_any
 from invrender.estimate.interreflection.textured import CorrectedTextures, correct_textures
 from invrender.estimate.known_scale import given_scale
 from invrender.estimate.solution import Solution
-from invrender.estimate.textured.calibration import moved_by_calibration, moves_any
+from invrender.estimate.textured.calibration import moved_by_calibration
 from invrender.estimate.textured.colors import color_shares
 from invrender.estimate.textured.fit import FIT_STEPS, TexturedFit, fit_textured
 from invrender.estimate.textured.layout import SurfacePoints, find_layout
@@ -42,6 +43,7 @@ from invrender.result.scores import photo_scores
 from invrender.transport.radiosity import ConcaveMesh
 from invrender.wording import sentences
 from recon.mesh.bodies import MeshBody
+from recon.reference import find_references
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -83,7 +85,7 @@ def solve_textured(
     assert isinstance(body, MeshBody)
     lightings = given_lightings(photoset, body, clock) if recovered is None else recovered.lightings
     # In recovered light references have fixed its scale already.
-    scale = given_scale(photoset, lightings, body) if recovered is None else None
+    scale = given_scale(find_references(photoset, body), lightings) if recovered is None else None
     bench = TextureBench.of(photoset, geometry, lightings)
     with clock.on("recon"):
         layout, faults = find_layout(body, footprint(photoset, body))
@@ -99,7 +101,7 @@ def solve_textured(
         bench = bench.with_lookups(fit, subset.shown)
     fields, numbers = subset.fields, subset.numbers
     # What photographs show takes memory. In recovered light, which errors of calibration move, too, they don't count.
-    shown = subset.shown if recovered is None and moves_any(photoset.errors, lightings) else ()
+    shown = subset.shown if recovered is None and are_any(photoset.errors.geometric, lightings) else ()
     del subset
     release_memory()
     asked = footprint(photoset, body), photoset.object.texture_pixels

@@ -49,8 +49,8 @@ def find_warnings(
     numbers = solution.quantities.values()
     if photoset.errors.stated and not any(number.shares.keys() & CALIBRATION.keys() for number in numbers):
         warnings.append(
-            "Error bars don't hold what [uncertainty] states: only `process` carries it, without --published, and for"
-            " textures under known light alone."
+            "Error bars don't hold what [uncertainty] states: `process` carries it, but not with --published, nor for a"
+            " texture under unknown light."
         )
     candidate = solution.model
     if candidate.error > POOR and published:

@@ -66,6 +66,8 @@ class SeenBody:
         return hits.hit, hits.normals @ turn.T, hits.views @ turn.T, hits.positions @ turn.T + shift
 
 
+# What rays meet: whether the body, normals, views, positions.
+_Met = tuple[NDArray[np.bool_], Floats, Floats, Floats]
 # The scene with so many times an error.
 Motion = Callable[[SeenBody, float], SeenBody]
 
@@ -95,10 +97,6 @@ def picture_shift(field: LightField, here: SeenBody, motion: Motion) -> Floats:
     """By how many pixels (m, 2) what rays meet moves in the picture, to first order, with an error of the scene."""
     before, after = (motion(here, way).pictured(field.positions) for way in (-1, 1))
     return (after - before) / 2
-
-
-# What rays meet: whether the body, normals, views, positions.
-_Met = tuple[NDArray[np.bool_], Floats, Floats, Floats]
 
 
 def _change(field: LightField, body: Body, lower: _Met, upper: _Met, size: float) -> RayChange:

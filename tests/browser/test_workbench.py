@@ -20,6 +20,7 @@ from capture.photoset import load_photoset
 from capture.source_region import source_regions
 from tests.browser.test_exported_page import apart, radiance
 from tests.browser.visits import visited
+from tests.invrender.faultysets import write_set
 from tests.invrender.fewforms import few_forms_tried
 from tests.lightfactor.studios import Served, served
 
@@ -28,9 +29,9 @@ SMALL = {"width": 640, "height": 480}
 
 
 @pytest.fixture(scope="module")
-def ball(ball_original: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Eight photographs of a ball; what tests of this file fit lies with them."""
-    return Path(shutil.copytree(ball_original, tmp_path_factory.mktemp("ball") / "set"))
+    return write_set(tmp_path_factory.mktemp("ball") / "set")
 
 
 @pytest.fixture(scope="module")

@@ -96,6 +96,11 @@ def rendered_normals(folder: Path) -> Floats:
     return normals.reshape(camera.height, camera.width, 3)
 
 
+def write_small(folder: Path) -> Path:
+    """Few photographs of few pixels of a Lambertian sphere."""
+    return write_rendered(folder, 'model = "lambertian"\nkd = 0.2', every=6)
+
+
 def write_real(source: Path, folder: Path, every: int = 1, normals: str = "unknown") -> Path:
     """The manifest of a real set with lights.txt (DiLiGenT's): one lamp of so many."""
     lines = [line.split() for line in (source / "lights.txt").read_text().splitlines() if line[:1] != "#"]

@@ -25,23 +25,23 @@ from invrender.transport.transfer import light_elements
 from recon.displacement.rays import SeenBody, pose_motion
 from tests.invrender.test_textures import LAMP_LIT, write_doll_set
 
+POINTS, PHOTOS = 30, 5
 
-@pytest.mark.parametrize(
-    ("specular", "ks_varies"), [(False, False), (True, False), (True, True)], ids=["matte", "even", "varies"]
-)
-def test_rows_move_means_as_solving_anew_does(specular: bool, ks_varies: bool) -> None:
-    rng, points, photos = np.random.default_rng(2), 30, 5
-    rows = points * photos
-    at = np.repeat(np.arange(points), photos)
+
+def solved_points(specular: bool, ks_varies: bool, dark: Sequence[int] = ()) -> SolvedPoints:
+    """Some points in photographs whose transfers are at random, solved for; Kd of those that are `dark` is zero."""
+    rng = np.random.default_rng(2)
+    rows, at = POINTS * PHOTOS, np.repeat(np.arange(POINTS), PHOTOS)
     d, s = rng.uniform(0.2, 1, (2, rows, 3))
-    kd, ks = rng.uniform(0.2, 0.4, (2, points, 3))
+    kd, ks = rng.uniform(0.2, 0.4, (2, POINTS, 3))
+    kd[list(dark)] = -0.1
     stack = TexelObservations(
         form=RH01_FORM,
-        size=points,
-        points=np.arange(points),
-        starts=np.arange(0, rows, photos),
+        size=POINTS,
+        points=np.arange(POINTS),
+        starts=np.arange(0, rows, PHOTOS),
         at=at,
-        photo=np.tile(np.arange(photos), points),
+        photo=np.tile(np.arange(PHOTOS), POINTS),
         tiles=np.zeros(rows, int),
         columns=np.repeat(d.T.reshape(-1, 1), 2, axis=1).astype(np.float32),
         radiance=kd[at] * d + specular * ks[at] * s + 0.01 * rng.standard_normal((rows, 3)),
@@ -50,21 +50,40 @@ def test_rows_move_means_as_solving_anew_does(specular: bool, ks_varies: bool) -
         share=np.ones((rows, 1)),
     )
     model = TexturedModel("any", specular, specular, ks_varies=ks_varies)
-    weights = rng.uniform(0, 1, points)
+    return SolvedPoints.by(model, stack, d, s)
+
+
+@pytest.mark.parametrize(
+    ("specular", "ks_varies"), [(False, False), (True, False), (True, True)], ids=["matte", "even", "varies"]
+)
+def test_rows_move_means_as_solving_anew_does(specular: bool, ks_varies: bool) -> None:
+    here, rng = solved_points(specular, ks_varies), np.random.default_rng(3)
+    stack, weights = here.stack, rng.uniform(0, 1, POINTS)
 
     def means(radiance: np.ndarray) -> np.ndarray:
-        values = SolvedPoints.by(model, replace(stack, radiance=radiance), d, s).values
+        values = SolvedPoints.by(here.model, replace(stack, radiance=radiance), here.d, here.s).values
         return np.average(np.concatenate([values.kd, values.ks], axis=1), axis=0, weights=weights)
 
-    here = SolvedPoints.by(model, stack, d, s)
-    found = influence_of(PointInfluence.of(here), np.zeros((rows, 3, 0)), [])
+    found = influence_of(PointInfluence.of(here), np.zeros((len(stack.at), 3, 0)), [])
     assert found.sure.all()
-    change = 1e-3 * rng.standard_normal((rows, 3))
+    change = 1e-3 * rng.standard_normal(stack.radiance.shape)
     expected = means(stack.radiance + change) - means(stack.radiance)
     moved = np.einsum("rcn,rc->n", found.of_means(weights), change)
     # The problems are linear; columns and influence are single precision.
     assert_allclose(moved, expected, rtol=1e-4, atol=1e-10)
     assert specular == bool(np.abs(expected[3:]).min() > 0)
+
+
+@pytest.mark.parametrize("ks_varies", [False, True])
+def test_bars_go_by_the_equations_that_the_search_goes_by(ks_varies: bool) -> None:
+    here = solved_points(specular=True, ks_varies=ks_varies, dark=(3, 4, 20))
+    assert (here.values.kd[[3, 4, 20]] == 0).all()
+    changes = list(np.random.default_rng(4).standard_normal((2, *here.stack.radiance.shape)))
+    matrix, _ = here.shared_equations(changes)
+    left = [PointInfluence.of(here).left_of(change) for change in changes]
+    found = [[(here.stack.weight * one * other).sum() for other in left] for one in left]
+    # Another route to the same sums; columns are single precision.
+    assert_allclose(found, matrix, rtol=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +148,7 @@ def test_points_are_shown_as_turned_cameras_show_them(
     moved = replace(photoset, photos=tuple(elsewhere(photo) for photo in photoset.photos))
     again: Sequence[Seen] = fitted(moved)[1][3]
     weighed = list(calibration.weighed_points(fit, weights, photos, shown, body, lightings, shadows))
-    expected, found = [], []
+    expected, found, even = [], [], []
     for k, (one, own, other) in enumerate(zip(weighed, shown, again, strict=True)):
         mine = fit.rows.photo == k
         kd, ks, elements = fit.rows.kd[mine], fit.rows.ks[mine], light_elements(lightings[one.lighting])
@@ -144,14 +163,15 @@ def test_points_are_shown_as_turned_cameras_show_them(
         some = Seen.of(other.lighting, other.points.where(keep), other.pixels)
         change = left(some, kd[before], ks[before]) - left(own, kd, ks)[before]
         # Where the camera is elsewhere, a pixel shows what the fit doesn't expect there: the opposite of its change.
-        at = own.points.samples[np.arange(len(own.points)), own.points.weights.argmax(axis=1)]
-        predicted = -one.moved(pose_motion(turned[one.label]))[np.unique(at, return_inverse=True)[1]]
+        sample = np.unique(own.points.nearest, return_inverse=True)[1][before]
+        motion = pose_motion(turned[one.label])
         expected.append(change.ravel())
-        found.append(predicted[before].ravel())
-    true, by_slopes = np.concatenate(expected), np.concatenate(found)
+        found.append(-one.moved(motion)[sample].ravel())
+        even.append(-replace(one, texture=None).moved(motion)[sample].ravel())
+    true, by_slopes, by_shading = (np.concatenate(parts) for parts in (expected, found, even))
     # Noise doesn't change; highlights are as narrow as pixels, and slopes across these are too steep.
     assert np.corrcoef(true, by_slopes)[0, 1] > 0.9
     assert 0.8 < (true @ by_slopes) / (by_slopes @ by_slopes) < 1.05
-    # Without the texture's gradient nearly nothing is explained.
-    even = [-replace(one, texture=None).moved(pose_motion(turned[one.label])).ravel() for one in weighed]
-    assert np.std(np.concatenate(even)) < 0.9 * np.std(by_slopes)
+    # Much of what is seen is the texture's gradient.
+    assert np.corrcoef(true, by_shading)[0, 1] < 0.8
+    assert np.std(by_shading) < 0.9 * np.std(by_slopes)

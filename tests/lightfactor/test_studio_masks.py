@@ -23,15 +23,10 @@ FIRST = f"/api/photos/{key_of('000.exr')}/mask"
 NO_MASK = r'mask = "000_mask.png"\n'
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_set(tmp_path_factory.mktemp("ball") / "set")
-
-
 @pytest.fixture
-def folder(made: Path, tmp_path: Path) -> Path:
+def folder(tmp_path: Path) -> Path:
     """A set of eight photographs with masks, to be changed."""
-    return Path(shutil.copytree(made, tmp_path / "set"))
+    return write_set(tmp_path / "set")
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ Ks vary: that is what is left of the picture's gradient.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,6 @@ from recon.mesh.bodies import Body
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 def moved_by_calibration(
@@ -46,17 +44,7 @@ def moved_by_calibration(
     and of filters aren't among them.
     """
     weighed = weighed_points(fit, weights, photos, shown, body, lightings, shadows)
-    return calibration_scores(weighed, body, np.zeros(4, bool), _geometric(errors), lightings)
-
-
-def moves_any(errors: CalibrationErrors, lightings: Mapping[str, Lighting]) -> bool:
-    """Whether errors are known that `moved_by_calibration` looks at."""
-    directions = any(lighting.direction_std_deg is not None for lighting in lightings.values())
-    return directions or _geometric(errors).named
-
-
-def _geometric(errors: CalibrationErrors) -> CalibrationErrors:
-    return replace(errors, color=None, extinction=0.0)
+    return calibration_scores(weighed, body, np.zeros(4, bool), errors.geometric, lightings)
 
 
 def weighed_points(
@@ -70,7 +58,7 @@ def weighed_points(
 ) -> Iterator[WeighedPhoto]:
     """The photographs' samples next to the points that they show, each with the influence of its rows."""
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
-    nearest = [_nearest(seen) for seen in shown]
+    nearest = [seen.points.nearest for seen in shown]
     fields = [
         seen.pixels.where(np.isin(np.arange(len(seen.pixels)), own))
         for seen, own in zip(shown, nearest, strict=True)
@@ -103,12 +91,6 @@ def weighed_points(
             strengths,
             texture=gradient.reshape(-1, 3, 2) - _shading(field, scene, radiance),
         )
-
-
-def _nearest(seen: Seen) -> Ints:
-    """The sample (r,) next to each point that a photograph shows."""
-    points = seen.points
-    return np.asarray(points.samples[np.arange(len(points)), points.weights.argmax(axis=1)])
 
 
 def _gradient(seen: Seen) -> Floats:

@@ -340,7 +340,7 @@ def _parameters(model: TexturedModel, points: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Spread:
-    """Covariances (k, k) of the search's coordinates, by noise and what misfit adds to it; fragility (k,)."""
+    """Covariances (k, k) of the search's coordinates, by noise and what misfit adds; fragility (k,), and influence."""
 
     noise: Floats
     misfit: Floats
@@ -366,12 +366,7 @@ def _uncertainty(model: TexturedModel, stack: TexelObservations, point: Floats) 
     ends = [(numbers_at(model, less), numbers_at(model, more)) for less, more in sides]
     _, *by_coordinate = stack.around(numbers_at(model, point), ends, np.full(size, 2 * _STEP))
     changes = [here.kd * base + here.ks * lobe for base, lobe in by_coordinate]
-
-    def left_of(change: Floats) -> Floats:
-        kd, ks = points.moved(change)
-        return (change - kd[stack.at] * here.d - ks[stack.at] * here.s) * root
-
-    jacobian = np.stack([left_of(change) for change in changes], axis=-1)  # (rows, 3, k)
+    jacobian = np.stack([points.left_of(change) * root for change in changes], axis=-1)  # (rows, 3, k)
     residual, freedom = here.residual * root, 3 * float(np.maximum(here.values.freedom, 0).sum())
     reduced = float((residual**2).sum()) / max(freedom, 1)
     # A prior: what the photographs don't touch would have an infinite variance, and drag the other with it.

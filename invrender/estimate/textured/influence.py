@@ -64,7 +64,7 @@ class PointInfluence:
     own : (r, 3, 2), common : (r, 3), follow : (size, 3), as of `RowInfluence`. Numbers that are zero stay so.
     """
 
-    here: SolvedPoints
+    solved: SolvedPoints
     own: Floats
     common: Floats
     follow: Floats
@@ -95,23 +95,28 @@ class PointInfluence:
 
     def moved(self, change: Floats) -> tuple[Floats, Floats]:
         """By how much Kd and Ks of points, (size, 3) each, move with a change (r, 3) of the rows."""
-        added = self.here.stack.added
+        added = self.solved.stack.added
         ks = (self.common * change).sum(axis=0)
         return added(self.own[..., 0] * change) + self.follow * ks, added(self.own[..., 1] * change) + ks
 
+    def left_of(self, change: Floats) -> Floats:
+        """What Kd and Ks of the points don't make up for of a change (r, 3) of the rows."""
+        (kd, ks), solved = self.moved(change), self.solved
+        return change - kd[solved.stack.at] * solved.d - ks[solved.stack.at] * solved.s
 
-def influence_of(here: PointInfluence, shared: Floats, changes: Sequence[Floats]) -> RowInfluence:
+
+def influence_of(points: PointInfluence, shared: Floats, changes: Sequence[Floats]) -> RowInfluence:
     """Of a solution of all points.
 
     shared : as of `RowInfluence`. changes : for each coordinate of the search (r, 3), derivatives of the rows by it, Kd
     and Ks fixed.
     """
-    solved = here.here
+    solved = points.solved
     slopes = np.zeros((len(solved.values.kd), 6, len(changes)))
     for k, change in enumerate(changes):
         # What the lobe shows more, Kd and Ks make up for.
-        slopes[..., k] = -np.concatenate(here.moved(change), axis=1)
-    arrays = (solved.kd, solved.ks, shared, here.own, here.common, here.follow, slopes)
+        slopes[..., k] = -np.concatenate(points.moved(change), axis=1)
+    arrays = (solved.kd, solved.ks, shared, points.own, points.common, points.follow, slopes)
     kd, ks, *rest = (of.astype(np.float32) for of in arrays)
     return RowInfluence(solved.stack.at, solved.stack.photo, determined(solved.values), kd, ks, *rest)
 

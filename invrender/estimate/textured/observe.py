@@ -37,6 +37,11 @@ class PointObservations:
     def __len__(self) -> int:
         return len(self.points)
 
+    @property
+    def nearest(self) -> Ints:
+        """The sample next to each point, (r,)."""
+        return np.asarray(self.samples[np.arange(len(self)), self.weights.argmax(axis=1)])
+
     def at_points(self, values: NDArray[np.floating]) -> Floats:
         """Values (n, ...) of samples interpolated to the points, (r, ...)."""
         return np.asarray(np.einsum("rk,rk...->r...", self.weights, values[self.samples]))

@@ -138,18 +138,18 @@ class _Numbers:
         """What is reported; fields : as of `textured_solution`."""
         mean, count = self.brdf, len(self.fragility)
         scale = mean.kd + mean.ks
-        by_kd = np.eye(len(self.names))[count : count + 3]
-        quantities = {"kd": self._split(by_kd, partial(_assessed_linear, mean.kd, scale, "Kd"))}
+        each = np.eye(len(self.names))
+        by_kd, by_ks = each[count : count + 3], each[count + 3 :]
+        quantities = {"kd": self._split(by_kd, partial(assess_linear, mean.kd, scale=scale, name="Kd"))}
         quantities["albedo"] = scaled(quantities["kd"], np.pi)
         if len(self.names) == 3:
             return quantities
-        by_ks = np.eye(len(self.names))[count + 3 :]
-        quantities["ks"] = self._split(by_ks, partial(_assessed_linear, mean.ks, scale, "Ks"))
+        quantities["ks"] = self._split(by_ks, partial(assess_linear, mean.ks, scale=scale, name="Ks"))
         total = np.where(scale > 0, scale, 1)
         # Of the two shares one falls by as much as the other rises.
         by_share = (mean.ks[:, None] * by_kd - mean.kd[:, None] * by_ks) / total[:, None] ** 2
         for name, own in (("kd", mean.kd), ("ks", mean.ks)):
-            judged = partial(_assessed_linear, own / total, np.ones(3), name.capitalize())
+            judged = partial(assess_linear, own / total, scale=np.ones(3), name=name.capitalize())
             quantities[f"{name}_normalised"] = self._split(by_share, judged)
         ks_share, degree = float(np.mean(mean.ks / total)), lighting_degree(list(lightings.values()))
         judges = {
@@ -159,7 +159,7 @@ class _Numbers:
         for k, name in enumerate(self.names[:count]):
             place = float(self.values[k]), float(self.fragility[k])
             judged = partial(_assessed_scalar, judges[name], *place)
-            quantities[name] = self._split(np.eye(len(self.names))[k : k + 1], judged)
+            quantities[name] = self._split(each[k : k + 1], judged)
         return quantities
 
     def _split(self, way: Floats, assessed: Callable[[Floats], Quantity]) -> Quantity:
@@ -167,10 +167,6 @@ class _Numbers:
         variances = {cause: np.diag(way @ own @ way.T) for cause, own in self.parts.items()}
         std = np.sqrt(np.maximum(sum(variances.values()), 0))
         return assessed(std).with_shares(variances)
-
-
-def _assessed_linear(value: Floats, scale: Floats, name: str, std: Floats) -> Quantity:
-    return assess_linear(value, std, scale, name)
 
 
 def _assessed_scalar(
